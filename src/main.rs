@@ -1,0 +1,2 @@
+//! Facile.
+fn main() {}
