@@ -1,0 +1,171 @@
+"""Eyes, teeth and tongue: rigid parts in the head frame, with their own small textures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+from scipy.optimize import least_squares
+
+import makehuman
+import mesh
+import raster
+
+IRIS_RADIUS = 6.0
+# Angle of the limbus on the MakeHuman eye as measured in its texture, and the share of the iris the pupil takes there.
+SOURCE_LIMBUS = 0.56
+CORNEA_BULGE = 0.45
+# Half angle of the eye texture: uv radius 0.5 at this angle from the optical axis; behind it the white goes on.
+EYE_TEXTURE_ANGLE = np.radians(108.0)
+RINGS, SECTORS = 40, 48
+
+
+class EyeFit:
+    """The sphere that fills the lid slit: it passes between the inner lid margin and the border of the socket."""
+
+    def __init__(self, ref) -> None:
+        ring = ref.regions.eye_ring
+        left = ref.v[:, 0] > 0
+        margin, border = ref.v[(ring == 1) & left], ref.v[(ring == 0) & left]
+        start = np.append(ref.eyes[0], 15.0)
+
+        def residual(s: np.ndarray) -> np.ndarray:
+            inner = np.linalg.norm(margin - s[:3], axis=1) - s[3]
+            behind = np.linalg.norm(border - s[:3], axis=1) - s[3]
+            # Touch the margin from behind; stay in front of the socket's border; stay near the given eye.
+            return np.concatenate([2.0 * (inner - 0.05), 6.0 * np.maximum(0, behind + 0.35), 0.3 * (s[:3] - start[:3]),
+                                   [0.5 * (s[3] - 14.9)]])
+
+        s = least_squares(residual, start).x
+        self.centre, self.radius = s[:3], float(s[3])
+        self.margin_gap = np.linalg.norm(margin - s[:3], axis=1) - self.radius
+        self.border_gap = np.linalg.norm(border - s[:3], axis=1) - self.radius
+
+
+def eyeball(radius: float) -> tuple[np.ndarray, np.ndarray, list[list[int]]]:
+    """A sphere with a corneal bulge around +z: vertices about its centre, uv (equidistant around the axis), faces."""
+    theta = np.concatenate([np.linspace(0, 0.62, RINGS // 2, endpoint=False),
+                            np.linspace(0.62, np.pi, RINGS // 2 + 1)])[1:-1]
+    azimuth = np.arange(SECTORS) * 2 * np.pi / SECTORS
+    th, az = np.meshgrid(theta, azimuth, indexing="ij")
+    limbus = np.arcsin(IRIS_RADIUS * 1.06 / radius)
+    bulge = CORNEA_BULGE * np.clip(1 - (th / limbus) ** 2, 0, 1) ** 2
+    r = radius + bulge
+    p = np.stack([np.sin(th) * np.cos(az), np.sin(th) * np.sin(az), np.cos(th)], -1) * r[..., None]
+    k = 0.5 * np.minimum(th / EYE_TEXTURE_ANGLE, 0.998)
+    uv = np.stack([0.5 + k * np.cos(az), 0.5 + k * np.sin(az)], -1)
+    points = np.concatenate([[[0, 0, radius + CORNEA_BULGE]], p.reshape(-1, 3), [[0, 0, -radius]]])
+    coords = np.concatenate([[[0.5, 0.5]], uv.reshape(-1, 2), [[0.5, 0.999]]])
+    faces = []
+    rows = len(theta)
+    for s in range(SECTORS):
+        n = (s + 1) % SECTORS
+        faces.append([0, 1 + s, 1 + n])
+        for i in range(rows - 1):
+            a, b = 1 + i * SECTORS, 1 + (i + 1) * SECTORS
+            faces.append([a + s, b + s, b + n, a + n])
+        last = 1 + (rows - 1) * SECTORS
+        faces.append([last + s, len(points) - 1, last + n])
+    return points, coords, faces
+
+
+def eye_texture(colour: str, size: int, radius: float) -> np.ndarray:
+    """Iris and sclera of a MakeHuman eye, resampled by direction into the equidistant eye UV."""
+    proxy = makehuman.Proxy("eyes", "HighPolyEyes")
+    image = np.asarray(Image.open(proxy.texture.parent / f"{colour}_eye.png").convert("RGB"), float)
+    base = makehuman.Base()
+    p = proxy.fit(base.vertices)
+    # The visible eyeball on the left side: the component with the large disc in the texture.
+    quads, uvs = np.array(proxy.faces), np.array(proxy.face_uvs)
+    mine = (p[quads][..., 0].min(1) > 0) & (proxy.uv[uvs][..., 0].max(1) < 0.7)
+    quads, uvs = quads[mine], uvs[mine]
+    used = np.unique(quads)
+    centre = (p[used].min(0) + p[used].max(0)) / 2
+    d = p - centre
+    theta = np.arctan2(np.hypot(d[:, 0], d[:, 1]), d[:, 2])
+    # The source iris is drawn too large for a human eye: shrink it to IRIS_RADIUS, leave the back of the eye alone.
+    limbus = np.arcsin(IRIS_RADIUS / radius)
+    theta = np.interp(theta, [0, SOURCE_LIMBUS, 1.3, np.pi], [0, limbus, 1.3, np.pi])
+    az = np.arctan2(d[:, 1], d[:, 0])
+    k = 0.5 * theta / EYE_TEXTURE_ANGLE
+    plane = np.stack([0.5 + k * np.cos(az), 0.5 + k * np.sin(az)], -1)
+    ok = (theta[quads] < 2.0).all(1)
+    tri, tuv = mesh.triangles(quads[ok]), mesh.triangles(uvs[ok])
+    face, bary = raster.bake_uv(plane[tri], size)
+    known = face >= 0
+    out = np.zeros((size, size, 3))
+    out[known] = raster.sample(image, np.einsum("nk,nkd->nd", bary[known], proxy.uv[tuv[face[known]]]))
+    return raster.dilate(out, known)
+
+
+def mouth_parts(ref) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+    """Upper and lower teeth with gums, and tongue: vertices, uv, faces, face uvs, in the head frame."""
+    out = {}
+    teeth = makehuman.Proxy("teeth", "Teeth_Base")
+    p = ref.to_head(teeth.fit(ref.mean))
+    quads, uvs = np.array(teeth.faces), np.array(teeth.face_uvs)
+    label = components(quads, len(p))
+    upper = np.zeros(len(quads), bool)
+    for c in np.unique(label):
+        pick = label[quads[:, 0]] == c
+        if (label == c).sum() < 200:
+            rank = p[label == c][:, 1].mean() - bite_height(p[label == c][:, 2].mean())
+            upper[pick] = rank > 0
+        else:
+            centre = p[quads[pick]].mean(1)
+            upper[pick] = centre[:, 1] > bite_height(centre[:, 2])
+    for name, pick in (("upper_teeth", upper), ("lower_teeth", ~upper)):
+        out[name] = compact(p, teeth.uv, quads[pick], uvs[pick])
+    tongue = makehuman.Proxy("tongue", "tongue01")
+    out["tongue"] = compact(ref.to_head(tongue.fit(ref.mean)), tongue.uv, np.array(tongue.faces), np.array(tongue.face_uvs))
+    return out
+
+
+def bite_height(z):
+    """Height of the plane between upper and lower teeth at depth z, head frame, mm."""
+    return np.interp(z, [30.0, 80.0], [-63.0, -68.5])
+
+
+def components(faces: np.ndarray, n: int) -> np.ndarray:
+    """Connected component of every vertex."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    e = np.concatenate([faces[:, [k, (k + 1) % faces.shape[1]]] for k in range(faces.shape[1])])
+    return connected_components(coo_matrix((np.ones(len(e)), (e[:, 0], e[:, 1])), (n, n)), directed=False)[1]
+
+
+def compact(p: np.ndarray, uv: np.ndarray, faces: np.ndarray, face_uvs: np.ndarray):
+    """Drops unused vertices and uv."""
+    vi, f = np.unique(faces, return_inverse=True)
+    ti, t = np.unique(face_uvs, return_inverse=True)
+    return p[vi], uv[ti], f.reshape(faces.shape), t.reshape(face_uvs.shape)
+
+
+def write(ref, eye: EyeFit, out: Path) -> None:
+    """Writes parts.obj and the textures of eyes, teeth and tongue."""
+    points, coords, faces = eyeball(eye.radius)
+    vertices, uvs, groups = [], [], []
+    offset = [0, 0]
+
+    def add(name, v, t, f, ft) -> None:
+        vertices.append(v)
+        uvs.append(t)
+        groups.append((name, [[a + offset[0] for a in q] for q in f], [[a + offset[1] for a in q] for q in ft]))
+        offset[0] += len(v)
+        offset[1] += len(t)
+
+    add("left_eye", points + eye.centre, coords, faces, faces)
+    add("right_eye", points + eye.centre * [-1, 1, 1], coords, faces, faces)
+    for name, (v, t, f, ft) in mouth_parts(ref).items():
+        add(name, v, t, f.tolist(), ft.tolist())
+    mesh.write_obj(out / "parts.obj", np.concatenate(vertices), np.concatenate(uvs), groups,
+                   "Facile eyes, teeth and tongue, mm, head frame. CC0 1.0, from MakeHuman. Built by build_reference.py")
+    for name in ("brown", "blue", "green"):
+        image = eye_texture(name, 512, eye.radius)
+        Image.fromarray(np.clip(image + 0.5, 0, 255).astype(np.uint8)).save(out / f"eye_{name}.png", optimize=True)
+    root = makehuman.npm_root() / "proxies"
+    for source, name in (("teeth/Teeth_Base/textures/teeth.png", "teeth.png"),
+                         ("tongue/tongue01/textures/tongue01_diffuse.png", "tongue.png")):
+        Image.open(root / source).convert("RGB").resize((256, 256), Image.LANCZOS).save(out / name, optimize=True)
