@@ -158,14 +158,17 @@ def write(ref, eye: EyeFit, out: Path) -> None:
 
     add("left_eye", points + eye.centre, coords, faces, faces)
     add("right_eye", points + eye.centre * [-1, 1, 1], coords, faces, faces)
+    # mouth.png: the teeth's texture in the left half, the tongue's in the right half.
     for name, (v, t, f, ft) in mouth_parts(ref).items():
-        add(name, v, t, f.tolist(), ft.tolist())
+        add(name, v, (t + [float(name == "tongue"), 0.0]) * [0.5, 1.0], f.tolist(), ft.tolist())
     mesh.write_obj(out / "parts.obj", np.concatenate(vertices), np.concatenate(uvs), groups,
                    "Facile eyes, teeth and tongue, mm, head frame. CC0 1.0, from MakeHuman. Built by build_reference.py")
     for name in ("brown", "blue", "green"):
         image = eye_texture(name, 512, eye.radius)
         Image.fromarray(np.clip(image + 0.5, 0, 255).astype(np.uint8)).save(out / f"eye_{name}.png", optimize=True)
     root = makehuman.npm_root() / "proxies"
-    for source, name in (("teeth/Teeth_Base/textures/teeth.png", "teeth.png"),
-                         ("tongue/tongue01/textures/tongue01_diffuse.png", "tongue.png")):
-        Image.open(root / source).convert("RGB").resize((256, 256), Image.LANCZOS).save(out / name, optimize=True)
+    atlas = Image.new("RGB", (512, 256))
+    for source, x in (("teeth/Teeth_Base/textures/teeth.png", 0),
+                      ("tongue/tongue01/textures/tongue01_diffuse.png", 256)):
+        atlas.paste(Image.open(root / source).convert("RGB").resize((256, 256), Image.LANCZOS), (x, 0))
+    atlas.save(out / "mouth.png", optimize=True)
