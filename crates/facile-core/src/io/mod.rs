@@ -1,0 +1,3 @@
+//! Files: meshes in and out, textures, with validation. Every error names the file and the place.
+
+pub mod obj;

@@ -1,0 +1,105 @@
+//! Colour textures: 8-bit sRGB in memory, linear when sampled.
+
+use crate::color::LINEAR_FROM_SRGB8;
+
+/// An RGB image, row 0 at the top as in files. Texture coordinate `(0, 0)` is the lower left corner of the image.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Texture {
+    width: usize,
+    height: usize,
+    texels: Vec<[u8; 3]>,
+}
+
+impl Texture {
+    /// A texture over existing sRGB texels, top row first.
+    ///
+    /// # Panics
+    /// If `texels` does not hold `width * height` values, or either is 0.
+    pub fn new(width: usize, height: usize, texels: Vec<[u8; 3]>) -> Self {
+        assert!(width > 0 && height > 0, "a texture has at least one texel");
+        assert_eq!(
+            texels.len(),
+            width * height,
+            "texels fill the texture exactly"
+        );
+        Self {
+            width,
+            height,
+            texels,
+        }
+    }
+
+    /// A single texel of one sRGB colour.
+    pub fn constant(srgb: [u8; 3]) -> Self {
+        Self::new(1, 1, vec![srgb])
+    }
+
+    /// Number of columns.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Number of rows.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// All sRGB texels, top row first.
+    pub fn texels(&self) -> &[[u8; 3]] {
+        &self.texels
+    }
+
+    /// All sRGB texels, to write.
+    pub fn texels_mut(&mut self) -> &mut [[u8; 3]] {
+        &mut self.texels
+    }
+
+    /// The sRGB texel at column `x`, row `y` from the top.
+    pub fn texel(&self, x: usize, y: usize) -> [u8; 3] {
+        self.texels[y * self.width + x]
+    }
+
+    /// Continuous texel position of a texture coordinate: texel centres lie at whole numbers, y downwards.
+    pub fn texel_from_texcoord(&self, uv: [f32; 2]) -> [f32; 2] {
+        [
+            uv[0] * self.width as f32 - 0.5,
+            (1.0 - uv[1]) * self.height as f32 - 0.5,
+        ]
+    }
+
+    /// Linear RGB at a texture coordinate, bilinear, clamped at the border.
+    pub fn sample(&self, uv: [f32; 2]) -> [f32; 3] {
+        let [x, y] = self.texel_from_texcoord(uv);
+        let (x_floor, y_floor) = (x.floor(), y.floor());
+        let (fx, fy) = (x - x_floor, y - y_floor);
+        let clamp = |v: f32, n: usize| (v.max(0.0) as usize).min(n - 1);
+        let (x0, x1) = (clamp(x_floor, self.width), clamp(x_floor + 1.0, self.width));
+        let (y0, y1) = (
+            clamp(y_floor, self.height),
+            clamp(y_floor + 1.0, self.height),
+        );
+        let lut = &*LINEAR_FROM_SRGB8;
+        let (a, b) = (self.texel(x0, y0), self.texel(x1, y0));
+        let (c, d) = (self.texel(x0, y1), self.texel(x1, y1));
+        std::array::from_fn(|k| {
+            let [a, b, c, d] = [a, b, c, d].map(|t| lut[usize::from(t[k])]);
+            let top = a + (b - a) * fx;
+            let bottom = c + (d - c) * fx;
+            top + (bottom - top) * fy
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_lower_left_corner_is_the_origin() {
+        let texture = Texture::new(2, 2, vec![[0; 3], [0; 3], [255, 0, 0], [0; 3]]);
+        assert_eq!(texture.sample([0.25, 0.25]), [1.0, 0.0, 0.0]);
+        assert_eq!(texture.sample([-3.0, -3.0]), [1.0, 0.0, 0.0]);
+        let middle = texture.sample([0.5, 0.5]);
+        assert!((middle[0] - 0.25).abs() < 1e-6);
+    }
+}
