@@ -105,8 +105,13 @@ struct EyesToml {
 }
 
 #[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
 struct SchemeToml {
     points: Vec<Point3>,
+    /// Classes that single points must lie on, by their number: the lips touch, and the nearest point alone does not
+    /// say which of them is meant.
+    #[serde(default)]
+    on: BTreeMap<String, Vec<usize>>,
 }
 
 impl ReferenceHead {
@@ -182,13 +187,24 @@ impl ReferenceHead {
     }
 }
 
-/// Snaps landmark positions onto the outer skin.
-fn snap(mesh: &Mesh, points: &[Point3]) -> Vec<SurfacePoint> {
+/// Snaps landmark positions onto the outer skin, or onto the class that the file names for them.
+fn snap(mesh: &Mesh, scheme: &SchemeToml) -> Result<Vec<SurfacePoint>, CoreError> {
+    let mut wanted = vec![None; scheme.points.len()];
+    for (name, points) in &scheme.on {
+        let segment = Segment::from_name(name)?;
+        for &i in points {
+            *wanted.get_mut(i).ok_or(CoreError::SizeMismatch {
+                what: "landmark number under `on`, highest",
+                expected: scheme.points.len().saturating_sub(1),
+                got: i,
+            })? = Some(segment);
+        }
+    }
     let outer = |s: Segment| !matches!(s, Segment::InnerMouth | Segment::EyeSocket);
-    points
-        .iter()
-        .filter_map(|p| SurfacePoint::nearest(mesh, p, outer))
-        .collect()
+    let points = scheme.points.iter().zip(&wanted).filter_map(|(p, segment)| {
+        SurfacePoint::nearest(mesh, p, |s| segment.map_or(outer(s), |wanted| s == wanted))
+    });
+    Ok(points.collect())
 }
 
 fn read_cage(obj: &ObjFile, csv: &str) -> Result<Cage, CoreError> {
