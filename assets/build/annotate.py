@@ -43,15 +43,14 @@ def segments(crop: Crop, regions: Regions, v: np.ndarray, brow_points: np.ndarra
     out[(out == "skin") & ((y < jawline(z)) | (behind & (y < -50)))] = "neck"
     half = np.interp(y, [-50, -44, -38, -28, -8, 6], [10, 15, 20, 17, 10, 8])
     nose = (np.abs(x) < half) & (y > -50) & (y < 4) & (z > 66) & ~crop.is_mouth
-    lip = mask("lips", uv) > 0.5
+    lip = (mask("lips", uv) > 0.5) | (regions.mouth_ring[crop.quads].max(1) <= 5)
     out[nose & ~lip] = "nose"
     near = cKDTree(brow_points).query(c)[0] < 3.2
     brow = near & (np.abs(phi) < 1.2) & (out == "skin")
     out[brow & left], out[brow & ~left] = "left_brow", "right_brow"
     lid = regions.eye_ring[crop.quads].max(1) <= 8
     out[lid & left], out[lid & ~left] = "left_eyelid", "right_eyelid"
-    gap = (regions.to_upper_rim - regions.to_lower_rim)[crop.quads].mean(1)
-    upper = gap < 0
+    upper = regions.upper_side[crop.quads].mean(1) > 0.5
     lip &= ~crop.is_mouth
     out[lip & upper], out[lip & ~upper] = "upper_lip", "lower_lip"
     ear = mask("ears", uv) > 0.5
@@ -94,7 +93,7 @@ def roles(crop: Crop, regions: Regions, seg: np.ndarray, v: np.ndarray) -> np.nd
     return role
 
 
-def jaw_weight(crop: Crop, regions: Regions, v: np.ndarray) -> np.ndarray:
+def jaw_weight(crop: Crop, regions: Regions, seg: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Weight of the mandible's rigid motion, 0 to 1."""
     x, y, z = v.T
     n = len(v)
@@ -116,12 +115,14 @@ def jaw_weight(crop: Crop, regions: Regions, v: np.ndarray) -> np.ndarray:
     weight[inside] = smoothstep(0.15, 0.85, du[inside] / np.maximum(du + dl, 1e-6)[inside])
     # Below the jaw the throat takes over, over 45 mm.
     below = np.maximum(0.0, jawline(z) - y)
-    back = smoothstep(-22.0, 4.0, z)
+    back = smoothstep(-6.0, 14.0, z)
     weight *= smoothstep(45.0, 4.0, below) * back
     keep = np.zeros(n, bool)
     keep[regions.mouth_rim] = True
     keep |= (np.minimum(du, dl) < 9) & (ax < corner[0] - 2)
-    return np.clip(mesh.smooth(weight, regions.adjacent, keep, 6), 0, 1)
+    weight = mesh.smooth(weight, regions.adjacent, keep, 6)
+    weight[touching(crop, seg, ("left_ear", "right_ear"), n)] = 0.0
+    return np.clip(weight, 0, 1)
 
 
 def lid_weight(regions: Regions, v: np.ndarray, eyes: np.ndarray) -> np.ndarray:

@@ -16,7 +16,8 @@ import makehuman
 import mesh
 import parts
 import raster
-from head import SCALE, SEGMENTS, Crop, Regions, eye_centres, frame_origin
+import unwrap
+from head import SCALE, SEGMENTS, Crop, Regions, eye_centres, frame_origin, smooth_rim
 
 OUT = Path(__file__).resolve().parent.parent / "reference"
 SAMPLES = 100
@@ -51,81 +52,80 @@ class Reference:
         mid = self.crop.mirror == np.arange(len(self.v))
         self.v[mid, 0] = 0.0
         self.quads = self.crop.quads
+        self.v = smooth_rim(self.quads, self.v)
         self.subdivision = mesh.Subdivision(self.quads, len(self.v))
         self.regions = Regions(self.crop, self.v)
-        self.v = close_lips(self, self.v)
+        self.v, self.lip_gap = close_lips(self, self.v)
         self.regions = Regions(self.crop, self.v)
         self.eyes = self.to_head(eye_centres(self.base, self.mean))
         brow = makehuman.Proxy("eyebrows", "eyebrow001").fit(self.mean)
         self.segment = annotate.segments(self.crop, self.regions, self.v, self.to_head(brow))
         self.role = annotate.roles(self.crop, self.regions, self.segment, self.v)
-        self.jaw = annotate.jaw_weight(self.crop, self.regions, self.v)
+        self.jaw = annotate.jaw_weight(self.crop, self.regions, self.segment, self.v)
         self.lid = annotate.lid_weight(self.regions, self.v, self.eyes)
         self.thickness = annotate.thickness(self.crop, self.regions, self.segment, self.v)
         self.attached = annotate.attached(self.crop, self.regions, self.segment, self.v, self.role)
-        self.uv, self.uv_quads = head_uv(self.crop)
+        self.uv, self.uv_quads = head_uv(self.crop, self.v)
 
     def to_head(self, points: np.ndarray) -> np.ndarray:
         """Base-mesh millimetres to the head frame."""
         return (points - self.origin) * SCALE
 
 
-def close_lips(ref: Reference, v: np.ndarray, overlap: float = 0.08) -> np.ndarray:
+# How far the rings of the lips follow the closing of the slit, from two rings inside the mouth to six outside.
+CLOSING = ([-3, -2, -1, 0, 1, 2, 3, 4, 5, 6, 7, 8], [0, 0.3, 0.7, 1, 1, 1, 0.8, 0.55, 0.36, 0.22, 0.1, 0])
+
+
+def close_lips(ref: Reference, v: np.ndarray, overlap: float = 0.2, rounds: int = 25) -> tuple[np.ndarray, np.ndarray]:
     """Moves the lips together until the subdivided upper and lower lip touch all along the slit.
 
-    The base mesh leaves a gap of about half a millimetre that would show the teeth of a closed mouth.
+    The base mesh leaves a gap of half a millimetre, and of one at the corners, that would show a closed mouth's teeth.
     """
-    regions = ref.regions
-    near = np.minimum(regions.to_upper_rim, regions.to_lower_rim)
-    fall = np.exp(-(near / 5.0) ** 2)
-    gap_x = np.linspace(0.0, regions.corner[0] - 0.5, 24)
+    regions, s = ref.regions, ref.subdivision.stencil
+    ring = regions.mouth_ring
+    fall = np.interp(ring, *CLOSING)
+    on_ring = (ring >= 0) & (ring <= 3)
+    clear = np.abs(regions.normal[:, 1]) > 0.35
+    side = np.where(on_ring & clear, np.where(regions.upper_side, 1.0, -1.0), 0.0)
+    fine_side = s @ side
+    corner = np.abs(v[ring == 2, 0]).max()
+    x_at = np.linspace(0.0, corner - 0.4, 28)
     out = v.copy()
-    for _ in range(12):
-        fine = ref.subdivision.stencil @ out
-        distance = ref.subdivision.stencil @ near
-        side = ref.subdivision.stencil @ (regions.to_upper_rim - regions.to_lower_rim)
-        bag = ref.subdivision.stencil @ (regions.mouth_inside & ~np.isin(np.arange(len(v)), regions.mouth_rim)).astype(float)
-        lip = (distance < 5.0) & (bag < 0.3)
-        gap = np.zeros(len(gap_x))
-        for i, x in enumerate(gap_x):
-            here = lip & (np.abs(np.abs(fine[:, 0]) - x) < 1.4)
-            upper, lower = fine[here & (side < 0), 1], fine[here & (side > 0), 1]
-            gap[i] = upper.min() - lower.max() + overlap if len(upper) and len(lower) else 0.0
-        move = 0.5 * np.interp(np.abs(v[:, 0]), gap_x, gap) * fall * 0.7
-        move *= np.clip((regions.corner[0] - np.abs(v[:, 0])) / 3.0, 0, 1)
+    gap = np.zeros(len(x_at))
+    for _ in range(rounds):
+        fine = s @ out
+        for i, x in enumerate(x_at):
+            here = np.abs(np.abs(fine[:, 0]) - x) < 1.1
+            upper, lower = fine[here & (fine_side > 0.5), 1], fine[here & (fine_side < -0.5), 1]
+            if len(upper) and len(lower):
+                gap[i] = upper.min() - lower.max() + overlap
+        step = np.convolve(np.pad(gap, 1, mode="edge"), [0.25, 0.5, 0.25], "valid")
+        move = 0.3 * np.interp(np.abs(v[:, 0]), x_at, step) * fall
+        move *= np.clip((corner + 1.0 - np.abs(v[:, 0])) / 1.0, 0, 1)
         out[:, 1] += np.where(regions.upper_side, -move, move)
-    out = (out + out[ref.crop.mirror] * [-1, 1, 1]) / 2
-    print("lip gap after closing, mm:", gap.round(2))
-    return out
+    return (out + out[ref.crop.mirror] * [-1, 1, 1]) / 2, gap
 
 
-def head_uv(crop: Crop) -> tuple[np.ndarray, np.ndarray]:
-    """The base mesh's UV islands laid out anew: face and scalp upright over the upper part, the rest below."""
-    ids, quads = np.unique(crop.body_uv_quads, return_inverse=True)
-    uv = crop.body_uv[ids]
-    quads = quads.reshape(-1, 4)
-    out = np.zeros_like(uv)
-    torso = uv[:, 0] < 0.6
-    torso &= uv[:, 1] > 0.7
-    left_socket = (uv[:, 0] < 0.081)
-    right_socket = ~left_socket & (uv[:, 0] < 0.16)
-    mouth = (uv[:, 1] < 0.14) & (uv[:, 0] > 0.72)
-    face = ~(torso | left_socket | right_socket | mouth)
-
-    def place(select: np.ndarray, box: tuple[float, float, float, float], turn: bool) -> None:
-        p = uv[select]
-        if turn:  # the base mesh's chin points to +u; the subject's left lies towards ...
-            p = np.stack([p[:, 1], -p[:, 0]], 1)
+def head_uv(crop: Crop, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """UV of the head and its quads: the outer skin unwrapped anew, inner mouth and sockets in the free corners."""
+    inner = crop.is_mouth | crop.is_socket
+    skin_uv, skin_quads = unwrap.unwrap(crop.quads[~inner], v, crop.mirror)
+    lo, hi = skin_uv.min(0), skin_uv.max(0)
+    coords = [0.004 + 0.992 * (skin_uv - lo) / (hi - lo)]
+    quads = np.zeros_like(crop.quads)
+    quads[~inner] = skin_quads
+    count = len(skin_uv)
+    left = v[crop.quads][:, :, 0].mean(1) > 0
+    boxes = ((crop.is_mouth, (0.004, 0.004, 0.16, 0.15)), (crop.is_socket & left, (0.91, 0.004, 0.996, 0.09)),
+             (crop.is_socket & ~left, (0.82, 0.004, 0.90, 0.09)))
+    for pick, (x0, y0, x1, y1) in boxes:
+        ids, local = np.unique(crop.body_uv_quads[pick], return_inverse=True)
+        p = crop.body_uv[ids]
         lo, hi = p.min(0), p.max(0)
-        scale = min((box[2] - box[0]) / (hi[0] - lo[0]), (box[3] - box[1]) / (hi[1] - lo[1]))
-        out[select] = (p - lo) * scale + box[:2]
-
-    place(face, (0.005, 0.46, 0.995, 0.995), True)
-    place(torso, (0.02, 0.02, 0.6, 0.42), False)
-    place(mouth, (0.62, 0.02, 0.86, 0.24), False)
-    place(left_socket, (0.62, 0.27, 0.74, 0.40), False)
-    place(right_socket, (0.76, 0.27, 0.88, 0.40), False)
-    return out, quads
+        coords.append((p - lo) / (hi - lo) * [x1 - x0, y1 - y0] + [x0, y0])
+        quads[pick] = local.reshape(-1, 4) + count
+        count += len(ids)
+    return np.concatenate(coords), quads
 
 
 def write(ref: Reference, out: Path = OUT) -> None:

@@ -34,7 +34,7 @@ class Crop:
         quads, uv_quads = body[..., 0], body[..., 1]
         p = mean[quads]
         # A neck cut that rises to the back and to the sides, above the shoulders.
-        plane = 566.0 + 0.3 * (30.0 - p[..., 2]) + 0.8 * np.maximum(0.0, np.abs(p[..., 0]) - 50.0)
+        plane = 566.0 + 0.3 * (30.0 - p[..., 2]) + 1.6 * np.maximum(0.0, np.abs(p[..., 0]) - 46.0)
         keep = (p[..., 1] > plane).all(1) & (np.abs(p[..., 0]) < 200.0).all(1)
         keep = _largest(quads, keep)
         self.body_quads, self.body_uv_quads = quads[keep], uv_quads[keep]
@@ -92,6 +92,18 @@ def mask(name: str, uv: np.ndarray) -> np.ndarray:
     return raster.sample(image[..., None], uv)[..., 0]
 
 
+def smooth_rim(quads: np.ndarray, v: np.ndarray, rounds: int = 12) -> np.ndarray:
+    """Evens out the neck cut: every vertex of the open border goes towards the middle of its two border neighbours.
+
+    Linear in `v` and the same for every shape on this topology, so that it commutes with means and modes.
+    """
+    rim = mesh.border(quads)
+    out = v.copy()
+    for _ in range(rounds):
+        out[rim] = 0.5 * out[rim] + 0.25 * (out[np.roll(rim, 1)] + out[np.roll(rim, -1)])
+    return out
+
+
 class Regions:
     """Topology of the mouth and of the eyes: rims and rings that every annotation is measured from."""
 
@@ -129,4 +141,29 @@ class Regions:
         self.to_lower_rim = mesh.geodesic(v, quads, low)
         self.corner = np.array([corner, v[rim[np.abs(v[rim, 0]) > corner - 0.6], 1].mean(),
                                 v[rim[np.abs(v[rim, 0]) > corner - 0.6], 2].mean()])
-        self.upper_side = self.to_upper_rim < self.to_lower_rim
+        self.mouth_ring = self._mouth_rings()
+        # On the rings of the slit the normals tell the sides apart, elsewhere outside the height over the contact.
+        contact = np.interp(np.abs(v[:, 0]), *_contact_line(v[self.mouth_ring == 2]))
+        slit = (self.mouth_ring >= 0) & (self.mouth_ring <= 3)
+        slit &= np.abs(v[:, 0]) < np.abs(v[self.mouth_ring == 2, 0]).max() - 0.8
+        outer = np.where(slit, normal[:, 1] < 0, v[:, 1] > contact)
+        self.upper_side = np.where(inside & ~slit, self.to_upper_rim < self.to_lower_rim, outer)
+
+    def _mouth_rings(self) -> np.ndarray:
+        """Edge rings around the inner rim of the lips: 0 on it, positive outward over the lips, negative inward."""
+        ring = np.full(len(self.adjacent), 99)
+        ring[self.mouth_rim] = 0
+        for sign, region in ((1, ~self.mouth_inside), (-1, self.mouth_inside)):
+            current = self.mouth_rim
+            for k in range(1, 12):
+                nxt = np.unique(np.concatenate([self.adjacent[i] for i in current]))
+                current = nxt[region[nxt] & (ring[nxt] == 99)]
+                ring[current] = sign * k
+        return ring
+
+
+def _contact_line(rim: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean height of the rim over |x|."""
+    x = np.linspace(0.0, np.abs(rim[:, 0]).max(), 12)
+    y = [rim[np.argsort(np.abs(np.abs(rim[:, 0]) - t))[:4], 1].mean() for t in x]
+    return x, np.array(y)

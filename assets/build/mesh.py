@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse import coo_matrix, csr_matrix, vstack
 from scipy.sparse.csgraph import dijkstra
 
 
@@ -27,6 +27,17 @@ def neighbours(quads: np.ndarray, n: int) -> list[np.ndarray]:
     both = both[np.lexsort((both[:, 1], both[:, 0]))]
     cut = np.searchsorted(both[:, 0], np.arange(n + 1))
     return [both[cut[i]:cut[i + 1], 1] for i in range(n)]
+
+
+def border(quads: np.ndarray) -> np.ndarray:
+    """The open border's vertices in order (one loop)."""
+    directed = {(int(a), int(b)) for k in range(4) for a, b in quads[:, [k, (k + 1) % 4]]}
+    following = {a: b for a, b in directed if (b, a) not in directed}
+    loop = [min(following)]
+    while following[loop[-1]] != loop[0]:
+        loop.append(following[loop[-1]])
+    assert len(loop) == len(following), "one open border expected"
+    return np.array(loop)
 
 
 def geodesic(vertices: np.ndarray, quads: np.ndarray, seeds: np.ndarray) -> np.ndarray:
@@ -78,12 +89,9 @@ class Subdivision:
         eye = _diag(np.ones(n))
         interior = (_diag(1 / (faces_at * k)) @ vertex_face @ face_point
                     + _diag(2 / (k * k)) @ vertex_edge @ (_diag(np.full(m, 0.5)) @ ends) + _diag((k - 3) / k) @ eye)
-        # 1/8, 6/8, 1/8: half of each of the two boundary midpoints (their sum holds v itself once).
+        # Border: 1/2 v + 1/4 (mid_a + mid_b) = 6/8 v + 1/8 a + 1/8 b.
         rim = _diag(np.full(n, 0.5)) @ eye + vertex_edge @ _diag(0.25 * (1 - inner)) @ (_diag(np.full(m, 0.5)) @ ends)
-        rim = rim  # 1/2 v + 1/4 (mid_a + mid_b) = 6/8 v + 1/8 a + 1/8 b
         vertex_point = _diag((~on_rim).astype(float)) @ interior + _diag(on_rim.astype(float)) @ rim
-        from scipy.sparse import vstack
-
         self.stencil = vstack([vertex_point, edge_point, face_point]).tocsr()
         face_ids = n + m + np.arange(f)
         self.quads = np.concatenate([np.stack([quads[:, k], n + edge_of[:, k], face_ids, n + edge_of[:, k - 1]], 1)

@@ -11,10 +11,9 @@ from scipy.optimize import least_squares
 import makehuman
 import mesh
 import raster
+from head import smoothstep
 
 IRIS_RADIUS = 6.0
-# Angle of the limbus on the MakeHuman eye as measured in its texture, and the share of the iris the pupil takes there.
-SOURCE_LIMBUS = 0.56
 CORNEA_BULGE = 0.45
 # Half angle of the eye texture: uv radius 0.5 at this angle from the optical axis; behind it the white goes on.
 EYE_TEXTURE_ANGLE = np.radians(108.0)
@@ -70,33 +69,37 @@ def eyeball(radius: float) -> tuple[np.ndarray, np.ndarray, list[list[int]]]:
     return points, coords, faces
 
 
+# The MakeHuman eye texture (512 px): centre of the left disc, radii of pupil, limbus and visible sclera.
+SOURCE_CENTRE = (150.0, 359.0)
+SOURCE_RADII = (0.0, 15.0, 56.0, 132.0)
+PUPIL_RADIUS = 1.9
+# Natural irises: mixtures of the package's colours (each a list of source, weight), and a brightness.
+EYE_MIX = {
+    "brown": ([("brownlight", 0.6), ("brown", 0.4)], 0.72),
+    "blue": ([("blue", 0.45), ("grey", 0.35), ("ice", 0.2)], 0.92),
+    "green": ([("green", 0.35), ("brownlight", 0.35), ("grey", 0.3)], 0.9),
+}
+
+
 def eye_texture(colour: str, size: int, radius: float) -> np.ndarray:
-    """Iris and sclera of a MakeHuman eye, resampled by direction into the equidistant eye UV."""
-    proxy = makehuman.Proxy("eyes", "HighPolyEyes")
-    image = np.asarray(Image.open(proxy.texture.parent / f"{colour}_eye.png").convert("RGB"), float)
-    base = makehuman.Base()
-    p = proxy.fit(base.vertices)
-    # The visible eyeball on the left side: the component with the large disc in the texture.
-    quads, uvs = np.array(proxy.faces), np.array(proxy.face_uvs)
-    mine = (p[quads][..., 0].min(1) > 0) & (proxy.uv[uvs][..., 0].max(1) < 0.7)
-    quads, uvs = quads[mine], uvs[mine]
-    used = np.unique(quads)
-    centre = (p[used].min(0) + p[used].max(0)) / 2
-    d = p - centre
-    theta = np.arctan2(np.hypot(d[:, 0], d[:, 1]), d[:, 2])
-    # The source iris is drawn too large for a human eye: shrink it to IRIS_RADIUS, leave the back of the eye alone.
+    """Iris and sclera of MakeHuman eyes in the equidistant eye UV, with human proportions, size x size x 3."""
+    folder = makehuman.npm_root() / "proxies" / "eyes" / "HighPolyEyes" / "textures"
+    mix, gain = EYE_MIX[colour]
+    image = sum(w * np.asarray(Image.open(folder / f"{name}_eye.png").convert("RGB"), float) for name, w in mix)
+    jj, ii = np.mgrid[:size, :size] + 0.5
+    x, y = 2 * ii / size - 1, 1 - 2 * jj / size
+    theta = np.hypot(x, y) * EYE_TEXTURE_ANGLE
+    azimuth = np.arctan2(y, x)
     limbus = np.arcsin(IRIS_RADIUS / radius)
-    theta = np.interp(theta, [0, SOURCE_LIMBUS, 1.3, np.pi], [0, limbus, 1.3, np.pi])
-    az = np.arctan2(d[:, 1], d[:, 0])
-    k = 0.5 * theta / EYE_TEXTURE_ANGLE
-    plane = np.stack([0.5 + k * np.cos(az), 0.5 + k * np.sin(az)], -1)
-    ok = (theta[quads] < 2.0).all(1)
-    tri, tuv = mesh.triangles(quads[ok]), mesh.triangles(uvs[ok])
-    face, bary = raster.bake_uv(plane[tri], size)
-    known = face >= 0
-    out = np.zeros((size, size, 3))
-    out[known] = raster.sample(image, np.einsum("nk,nkd->nd", bary[known], proxy.uv[tuv[face[known]]]))
-    return raster.dilate(out, known)
+    source = np.interp(theta, [0, np.arcsin(PUPIL_RADIUS / radius), limbus, EYE_TEXTURE_ANGLE], SOURCE_RADII)
+    uv = np.stack([(SOURCE_CENTRE[0] + source * np.cos(azimuth)) / 512,
+                   1 - (SOURCE_CENTRE[1] - source * np.sin(azimuth)) / 512], -1)
+    out = raster.sample(image, uv)
+    white = smoothstep(limbus * 0.97, limbus * 1.12, theta)[..., None]
+    # The sclera of the source is grey: lift it, and warm it towards the corners where vessels and caruncle are.
+    corner = smoothstep(0.5, 1.15, theta * np.abs(np.cos(azimuth)))[..., None]
+    sclera = np.clip(out * 1.13 + 2, 0, 255) * (1 - corner * np.array([0.06, 0.24, 0.24]))
+    return out * gain * (1 - white) + sclera * white
 
 
 def mouth_parts(ref) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
@@ -164,7 +167,7 @@ def write(ref, eye: EyeFit, out: Path) -> None:
     mesh.write_obj(out / "parts.obj", np.concatenate(vertices), np.concatenate(uvs), groups,
                    "Facile eyes, teeth and tongue, mm, head frame. CC0 1.0, from MakeHuman. Built by build_reference.py")
     for name in ("brown", "blue", "green"):
-        image = eye_texture(name, 512, eye.radius)
+        image = eye_texture(name, 384, eye.radius)
         Image.fromarray(np.clip(image + 0.5, 0, 255).astype(np.uint8)).save(out / f"eye_{name}.png", optimize=True)
     root = makehuman.npm_root() / "proxies"
     atlas = Image.new("RGB", (512, 256))
