@@ -163,11 +163,11 @@ impl ReferenceHead {
             assets::parse_toml(&files.landmarks_toml, "landmarks.toml")?;
         let landmarks = schemes
             .into_iter()
-            .map(|(name, scheme)| LandmarkScheme {
-                name,
-                points: snap(&mesh, &scheme.points),
+            .map(|(name, scheme)| {
+                let points = snap(&mesh, &scheme)?;
+                Ok(LandmarkScheme { name, points })
             })
-            .collect();
+            .collect::<Result<_, CoreError>>()?;
         let mut eye_textures = BTreeMap::new();
         for (name, bytes) in &files.eye_textures {
             eye_textures.insert(name.clone(), assets::decode_texture(bytes, name)?);
@@ -201,9 +201,13 @@ fn snap(mesh: &Mesh, scheme: &SchemeToml) -> Result<Vec<SurfacePoint>, CoreError
         }
     }
     let outer = |s: Segment| !matches!(s, Segment::InnerMouth | Segment::EyeSocket);
-    let points = scheme.points.iter().zip(&wanted).filter_map(|(p, segment)| {
-        SurfacePoint::nearest(mesh, p, |s| segment.map_or(outer(s), |wanted| s == wanted))
-    });
+    let points = scheme
+        .points
+        .iter()
+        .zip(&wanted)
+        .filter_map(|(p, segment)| {
+            SurfacePoint::nearest(mesh, p, |s| segment.map_or(outer(s), |wanted| s == wanted))
+        });
     Ok(points.collect())
 }
 
