@@ -9,13 +9,13 @@ import csv
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 
 import annotate
 import makehuman
 import mesh
 import parts
-import raster
+import skins
+import texels
 import unwrap
 from head import SCALE, SEGMENTS, Crop, Regions, eye_centres, frame_origin, smooth_rim
 
@@ -164,25 +164,11 @@ def write(ref: Reference, out: Path = OUT) -> None:
     parts.write(ref, eye, out)
 
 
-def bake_body_texture(ref: Reference, image: np.ndarray, size: int) -> np.ndarray:
-    """Resamples a texture in base-mesh UV into the head UV (size x size x c, float)."""
-    new = ref.uv[mesh.triangles(ref.uv_quads)]
-    old = ref.base.uv[mesh.triangles(ref.crop.body_uv_quads)]
-    face, bary = raster.bake_uv(new, size)
-    known = face >= 0
-    uv = np.einsum("nk,nkd->nd", bary[known], old[face[known]])
-    out = np.zeros((size, size, image.shape[2]))
-    out[known] = raster.sample(image, uv)
-    return raster.dilate(out, known)
-
-
 def main() -> None:
     ref = Reference()
     write(ref)
-    skins = sorted((makehuman.npm_root() / "skins").glob("*/textures/*diffuse*.png"))
-    total = np.mean([np.asarray(Image.open(p).convert("RGB").resize((512, 512)), float) for p in skins], axis=0)
-    skin = bake_body_texture(ref, total, 1024)
-    Image.fromarray(np.clip(skin + 0.5, 0, 255).astype(np.uint8)).save(OUT / "skin.jpg", quality=92)
+    field = texels.Texels(ref, 1024)
+    skins.save(skins.paint(skins.MEAN_LOOK, field, ref), OUT / "skin.jpg", 90)
     print(f"{len(ref.v)} vertices, {len(ref.quads)} quads;",
           {str(k): int((ref.role == k).sum()) for k in np.unique(ref.role)},
           {str(k): int((ref.segment == k).sum()) for k in np.unique(ref.segment)})
