@@ -115,7 +115,9 @@ def paint_lips(image: np.ndarray, texels: Texels, look: Look) -> np.ndarray:
     tint = np.array([0.98, 0.88, 0.89]) if look.ancestry != "african" else np.array([1.0, 0.93, 0.94])
     tint = tint ** (0.4 + look.lips)
     grey = image.mean(-1, keepdims=True)
-    image = image + soft[..., None] * 0.18 * (grey - image)
+    image = image + soft[..., None] * (0.0 if look.ancestry == "african" else 0.18) * (grey - image)
+    if look.ancestry == "african":
+        image = image * (1 + soft[..., None] * np.array([0.1, -0.02, -0.06]))
     out = image * (1 + soft[..., None] * (tint - 1))
     out *= 1 + (soft * 0.02 * wrinkles)[..., None]
     # The line of contact: rings 1 to 2 lie in shadow between the lips, towards the corners too.
@@ -178,7 +180,8 @@ def paint_brows(image: np.ndarray, texels: Texels, look: Look, ref) -> np.ndarra
     uv = np.stack([u, v], -1)
     hairs = raster.sample(card[..., None], uv)[..., 0] * inside
     shade = raster.sample(gaussian_filter(card, 5.0)[..., None], uv)[..., 0] * inside
-    colour = np.array(HAIR[look.hair]) * (1.0 if look.hair in ("black", "grey", "white") else 0.85)
+    # Brows are darker than the hair of the head, most of all on grey heads.
+    colour = np.array(HAIR[look.hair]) * {"black": 1.0, "grey": 0.5, "white": 0.58}.get(look.hair, 0.85)
     opacity = np.clip(0.88 * hairs + 0.42 * shade, 0, 0.92) * look.extra.get("brow", 1.0)
     return image * (1 - opacity[..., None]) + colour * opacity[..., None]
 
