@@ -1,1 +1,43 @@
-//! Facile.
+//! A Whitted ray tracer for faces, with exact labels.
+//!
+//! A [`Scene`] holds [`Object`]s: meshes with [`Material`]s, poses and trees that refit when vertices move. A [`Camera`]
+//! and the scene make a [`View`] ([`trace_view`]): the primary hits and the labels ([`GBuffer`]). Lights turn a view into
+//! a [`Rendering`] ([`View::shade`]); one view serves any number of lights. Geometry is `f32` here, mm, `y` up. The
+//! result depends on the input alone: not on threads, nor on the processor's vector width.
+//!
+//! Read [`view`] first, then [`whitted`](crate::material), [`bvh`] and [`triangle`].
+
+pub mod bvh;
+pub mod camera;
+pub mod geometry;
+pub mod head;
+pub mod light;
+pub mod material;
+pub mod math;
+pub mod object;
+pub mod png_file;
+pub mod ray;
+pub mod sampling;
+pub mod scene;
+pub mod scene_file;
+pub mod triangle;
+pub mod view;
+
+mod error;
+mod gbuffer;
+mod interaction;
+mod whitted;
+
+pub use camera::Camera;
+pub use error::TraceError;
+pub use gbuffer::{GBuffer, Occlusion, Truth};
+pub use geometry::{Geometry, Normals};
+pub use head::HeadScene;
+pub use light::{Attach, LightSource};
+pub use material::{Albedo, Material, Transmission};
+pub use object::{Object, SegmentCap};
+pub use ray::{Hit, Ray};
+pub use sampling::Samples;
+pub use scene::{Layer, Scene};
+pub use scene_file::{SceneFile, render_scene_file};
+pub use view::{RenderSettings, Rendering, View, trace_view};

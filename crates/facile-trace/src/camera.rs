@@ -1,0 +1,327 @@
+//! The pinhole camera.
+//!
+//! Axes as in OpenCV: `x` right, `y` down, `z` forward, `x_in_camera = R x_in_world + t`, pixel = `K x_in_camera`.
+//! Pixel `(i, j)` covers `[i, i + 1) x [j, j + 1)` from the upper left corner and its centre is `(i + 0.5, j + 0.5)`.
+//! OpenCV itself puts pixel centres at whole numbers: subtract 0.5 from `K`'s principal point to compare with it.
+
+use facile_core::{Matrix3, Point3, Vector3};
+
+use crate::TraceError;
+use crate::math::{Vec3, vec3_from_point};
+use crate::ray::Ray;
+
+/// A pinhole camera and the size of its image.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Camera {
+    width: usize,
+    height: usize,
+    intrinsics: Matrix3,
+    camera_from_world: Matrix3,
+    translation: Vector3,
+    position: Point3,
+    /// Direction of the pixel `(0, 0)`'s corner and the steps per pixel, in the world, depth 1 along the axis.
+    corner: Vector3,
+    step_x: Vector3,
+    step_y: Vector3,
+}
+
+impl Camera {
+    /// A camera from its matrices: `intrinsics` K in px (upper triangular, last row `0 0 1`), `camera_from_world` R a
+    /// rotation, `translation` t in mm.
+    ///
+    /// # Errors
+    /// [`TraceError::Setting`] for an empty image, a K that is not one, or an R that is not a rotation to 1e-6.
+    pub fn from_matrices(
+        width: usize,
+        height: usize,
+        intrinsics: Matrix3,
+        camera_from_world: Matrix3,
+        translation: Vector3,
+    ) -> Result<Self, TraceError> {
+        let bad = |name, expected, got: String| {
+            Err(TraceError::Setting {
+                name,
+                expected,
+                got,
+            })
+        };
+        let limit = 1 << 15;
+        if !(1..=limit).contains(&width) || !(1..=limit).contains(&height) {
+            let expected = "a width and height in 1..=32768 pixels";
+            return bad("image size", expected, format!("{width} x {height}"));
+        }
+        let k = &intrinsics;
+        let finite = k.iter().chain(&translation).chain(&camera_from_world);
+        let triangular = k[(1, 0)] == 0.0 && k[(2, 0)] == 0.0 && k[(2, 1)] == 0.0;
+        if !finite.into_iter().all(|v: &f64| v.is_finite())
+            || !triangular
+            || (k[(2, 2)] - 1.0).abs() > 0.0
+            || k[(0, 0)] <= 0.0
+            || k[(1, 1)] <= 0.0
+        {
+            let expected =
+                "fx > 0, fy > 0, zeros below the diagonal and a last row of 0 0 1, finite";
+            return bad("camera matrix K", expected, format!("{intrinsics:?}"));
+        }
+        let r = &camera_from_world;
+        if (r * r.transpose() - Matrix3::identity()).abs().max() > 1e-6 || r.determinant() < 0.0 {
+            return bad("camera matrix R", "a rotation", format!("{r:?}"));
+        }
+        let world_from_camera = camera_from_world.transpose();
+        let inverse = |px: f64, py: f64| {
+            let y = (py - k[(1, 2)]) / k[(1, 1)];
+            let x = (px - k[(0, 2)] - k[(0, 1)] * y) / k[(0, 0)];
+            world_from_camera * Vector3::new(x, y, 1.0)
+        };
+        let corner = inverse(0.0, 0.0);
+        Ok(Self {
+            width,
+            height,
+            intrinsics,
+            camera_from_world,
+            translation,
+            position: Point3::from(-(world_from_camera * translation)),
+            corner,
+            step_x: inverse(1.0, 0.0) - corner,
+            step_y: inverse(0.0, 1.0) - corner,
+        })
+    }
+
+    /// A camera at `position` that looks at `target`, both in mm, with `up` upwards in the image. `fov_y` is the
+    /// angle that the image's height spans, rad, in `(0, pi)`. The principal point is the image's middle.
+    ///
+    /// # Errors
+    /// [`TraceError::Setting`] for an empty image, an angle out of range, or an `up` along the line of sight.
+    pub fn look_at(
+        width: usize,
+        height: usize,
+        position: Point3,
+        target: Point3,
+        up: Vector3,
+        fov_y: f64,
+    ) -> Result<Self, TraceError> {
+        if !(fov_y > 0.0 && fov_y < std::f64::consts::PI) {
+            return Err(TraceError::Setting {
+                name: "camera fov_y",
+                expected: "an angle between 0 and 180 degrees",
+                got: format!("{} degrees", fov_y.to_degrees()),
+            });
+        }
+        let axes = (target - position)
+            .try_normalize(1e-12)
+            .and_then(|forward| Some((forward, forward.cross(&up).try_normalize(1e-9)?)));
+        let Some((forward, right)) = axes else {
+            return Err(TraceError::Setting {
+                name: "camera orientation",
+                expected: "a target away from the position and an up direction off the line of sight",
+                got: format!(
+                    "position {position}, target {target}, up {:?}",
+                    up.as_slice()
+                ),
+            });
+        };
+        let down = forward.cross(&right);
+        let rotation =
+            Matrix3::from_rows(&[right.transpose(), down.transpose(), forward.transpose()]);
+        let focal = height as f64 / (2.0 * libm::tan(fov_y / 2.0));
+        let (cx, cy) = (width as f64 / 2.0, height as f64 / 2.0);
+        let intrinsics = Matrix3::new(focal, 0.0, cx, 0.0, focal, cy, 0.0, 0.0, 1.0);
+        let translation = -(rotation * position.coords);
+        Self::from_matrices(width, height, intrinsics, rotation, translation)
+    }
+
+    /// Number of pixel columns.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Number of pixel rows.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// K, px.
+    pub fn intrinsics(&self) -> &Matrix3 {
+        &self.intrinsics
+    }
+
+    /// R.
+    pub fn camera_from_world(&self) -> &Matrix3 {
+        &self.camera_from_world
+    }
+
+    /// t, mm.
+    pub fn translation(&self) -> &Vector3 {
+        &self.translation
+    }
+
+    /// Centre of projection in the world, mm.
+    pub fn position(&self) -> &Point3 {
+        &self.position
+    }
+
+    /// Line of sight in the world, unit length.
+    pub fn forward(&self) -> Vector3 {
+        self.camera_from_world.row(2).transpose()
+    }
+
+    /// A point of the world in the camera's frame, mm.
+    pub fn point_in_camera(&self, point: &Point3) -> Point3 {
+        Point3::from(self.camera_from_world * point.coords + self.translation)
+    }
+
+    /// Where a point of the world appears, px, and its depth along the axis, mm. `None` at or behind the camera.
+    pub fn project(&self, point: &Point3) -> Option<([f64; 2], f64)> {
+        let p = self.point_in_camera(point);
+        (p.z > 1e-9).then(|| {
+            let image = self.intrinsics * p.coords;
+            ([image.x / p.z, image.y / p.z], p.z)
+        })
+    }
+
+    /// Whether an image position lies in the image.
+    pub fn contains_px(&self, [x, y]: [f64; 2]) -> bool {
+        x >= 0.0 && y >= 0.0 && x < self.width as f64 && y < self.height as f64
+    }
+
+    /// The ray through an image position, px. Its parameter `t` is the depth along the optical axis in mm.
+    pub fn ray(&self, [x, y]: [f64; 2]) -> Ray {
+        let direction = self.corner + self.step_x * x + self.step_y * y;
+        Ray::new(
+            vec3_from_point(&self.position),
+            Vec3::new(direction.x as f32, direction.y as f32, direction.z as f32),
+        )
+    }
+
+    /// Pixels `[x0, x1) x [y0, y1)` that the boxes can cover, each given by its smallest and largest corner in the
+    /// world, mm. `None` if all boxes lie outside the image. The whole image if a box reaches behind the camera.
+    pub fn pixel_bounds(
+        &self,
+        boxes: impl IntoIterator<Item = (Vec3, Vec3)>,
+    ) -> Option<[usize; 4]> {
+        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        for (min, max) in boxes {
+            for corner in 0..8 {
+                let pick = |k: usize| if corner >> k & 1 == 0 { min[k] } else { max[k] };
+                let point = Point3::new(pick(0).into(), pick(1).into(), pick(2).into());
+                let Some((px, _)) = self.project(&point) else {
+                    return Some([0, 0, self.width, self.height]);
+                };
+                for k in 0..2 {
+                    low[k] = low[k].min(px[k]);
+                    high[k] = high[k].max(px[k]);
+                }
+            }
+        }
+        // A pixel of margin pays for the rounding of rays to f32
+        let first = |v: f64| (v - 1.0).floor().max(0.0) as usize;
+        let last = |v: f64, n: usize| ((v + 1.0).ceil().max(0.0) as usize).min(n);
+        let bounds = [
+            first(low[0]),
+            first(low[1]),
+            last(high[0], self.width),
+            last(high[1], self.height),
+        ];
+        (low[0] <= high[0] && bounds[0] < bounds[2] && bounds[1] < bounds[3]).then_some(bounds)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use approx::assert_relative_eq;
+
+    fn camera() -> Camera {
+        Camera::look_at(
+            320,
+            200,
+            Point3::new(120.0, -40.0, 600.0),
+            Point3::new(5.0, 10.0, 20.0),
+            Vector3::y(),
+            0.4,
+        )
+        .expect("valid")
+    }
+
+    #[test]
+    fn rays_go_through_the_points_that_project_there() {
+        let camera = camera();
+        for point in [
+            Point3::new(30.0, 40.0, 50.0),
+            Point3::new(-70.0, -90.0, 10.0),
+        ] {
+            let (px, depth) = camera.project(&point).expect("in front");
+            let ray = camera.ray(px);
+            let found = ray.at(depth as f32);
+            assert_relative_eq!(found, vec3_from_point(&point), epsilon = 2e-4);
+        }
+    }
+
+    #[test]
+    fn the_target_is_in_the_middle_and_up_is_up() {
+        let camera = camera();
+        let (middle, _) = camera
+            .project(&Point3::new(5.0, 10.0, 20.0))
+            .expect("in front");
+        assert_relative_eq!(middle[0], 160.0, epsilon = 1e-9);
+        assert_relative_eq!(middle[1], 100.0, epsilon = 1e-9);
+        let (above, _) = camera
+            .project(&Point3::new(5.0, 30.0, 20.0))
+            .expect("in front");
+        assert!(above[1] < middle[1]);
+        assert!(camera.project(&Point3::new(120.0, -40.0, 900.0)).is_none());
+    }
+
+    #[test]
+    fn skew_and_offsets_of_k_are_honoured() {
+        let k = Matrix3::new(500.0, 3.0, 20.0, 0.0, 400.0, 70.0, 0.0, 0.0, 1.0);
+        let camera =
+            Camera::from_matrices(64, 128, k, Matrix3::identity(), Vector3::new(1.0, 2.0, 3.0))
+                .expect("valid");
+        let point = Point3::new(10.0, -20.0, 300.0);
+        let (px, depth) = camera.project(&point).expect("in front");
+        assert_relative_eq!(depth, 303.0);
+        assert_relative_eq!(
+            px[0],
+            (500.0 * 11.0 + 3.0 * -18.0) / 303.0 + 20.0,
+            epsilon = 1e-12
+        );
+        assert_relative_eq!(px[1], 400.0 * -18.0 / 303.0 + 70.0, epsilon = 1e-12);
+        assert_relative_eq!(
+            camera.ray(px).at(303.0),
+            vec3_from_point(&point),
+            epsilon = 1e-3
+        );
+    }
+
+    #[test]
+    fn impossible_cameras_are_refused() {
+        let eye = Point3::new(0.0, 0.0, 9.0);
+        let make = |w, target, up, fov| Camera::look_at(w, 9, eye, target, up, fov).is_err();
+        assert!(make(0, Point3::origin(), Vector3::y(), 0.5));
+        assert!(make(9, eye, Vector3::y(), 0.5));
+        assert!(make(9, Point3::origin(), Vector3::z(), 0.5));
+        assert!(make(9, Point3::origin(), Vector3::y(), 4.0));
+        assert!(make(9, Point3::origin(), Vector3::y(), f64::NAN));
+        let mirrored = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, -1.0));
+        let k = Matrix3::identity();
+        assert!(Camera::from_matrices(9, 9, k, mirrored, Vector3::zeros()).is_err());
+    }
+
+    #[test]
+    fn bounds_hold_every_point_of_a_box() {
+        let camera = camera();
+        let (min, max) = (Vec3::new(-20.0, -10.0, -20.0), Vec3::new(30.0, 10.0, 40.0));
+        let [x0, y0, x1, y1] = camera.pixel_bounds([(min, max)]).expect("in the image");
+        assert!(x1 - x0 < 160 && y1 - y0 < 120);
+        let (px, _) = camera
+            .project(&Point3::new(30.0, 10.0, 40.0))
+            .expect("in front");
+        assert!((x0..x1).contains(&(px[0] as usize)) && (y0..y1).contains(&(px[1] as usize)));
+        let away = (Vec3::new(9_000.0, 0.0, 0.0), Vec3::new(9_010.0, 1.0, 1.0));
+        assert_eq!(camera.pixel_bounds([away]), None);
+        assert_eq!(camera.pixel_bounds([]), None);
+        let around = (Vec3::repeat(-1e4), Vec3::repeat(1e4));
+        assert_eq!(camera.pixel_bounds([around]), Some([0, 0, 320, 200]));
+    }
+}

@@ -1,0 +1,183 @@
+//! Exact labels of a view, from the rays through the pixels' centres.
+
+use facile_core::Plane;
+
+use crate::camera::Camera;
+use crate::interaction::{Interaction, albedo};
+use crate::math::{Rgb, Vec3};
+use crate::ray::Hit;
+use crate::scene::Scene;
+
+/// Which labels are wanted. What is not asked for is not computed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[expect(
+    clippy::struct_excessive_bools,
+    reason = "one switch per channel is the plain form"
+)]
+pub struct Truth {
+    /// [`GBuffer::depth_z`].
+    pub depth_z: bool,
+    /// [`GBuffer::normal_in_world`].
+    pub normal_in_world: bool,
+    /// [`GBuffer::normal_in_camera`].
+    pub normal_in_camera: bool,
+    /// [`GBuffer::segment`].
+    pub segment: bool,
+    /// [`GBuffer::hit`].
+    pub hit: bool,
+    /// [`GBuffer::occlusion`], [`GBuffer::amodal_segment`] and [`GBuffer::amodal_depth_z`].
+    pub occlusion: bool,
+    /// [`GBuffer::albedo`].
+    pub albedo: bool,
+    /// [`crate::Rendering::shadow`].
+    pub shadow: bool,
+}
+
+impl Truth {
+    /// Everything.
+    pub const ALL: Self = Self {
+        depth_z: true,
+        normal_in_world: true,
+        normal_in_camera: true,
+        segment: true,
+        hit: true,
+        occlusion: true,
+        albedo: true,
+        shadow: true,
+    };
+}
+
+/// What the occlusion map says of a pixel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Occlusion {
+    /// No face here, with or without occluders.
+    NoFace = 0,
+    /// The face, nothing in front of it.
+    Visible = 1,
+    /// The face would be here, an opaque occluder covers it.
+    Covered = 2,
+    /// The face, seen through a transparent occluder.
+    Through = 3,
+}
+
+/// Label maps. Row 0 is the top of the image. The first surface of a pixel counts, transparent or not: a lens is labelled
+/// as a lens, and the amodal maps say what lies behind it.
+#[derive(Clone, Debug, Default)]
+pub struct GBuffer {
+    /// Depth along the optical axis, mm; infinite where nothing is hit.
+    pub depth_z: Option<Plane<f32>>,
+    /// Unit shading normal, world axes; zero where nothing is hit.
+    pub normal_in_world: Option<Plane<[f32; 3]>>,
+    /// Unit shading normal, camera axes (`x` right, `y` down, `z` forward); zero where nothing is hit.
+    pub normal_in_camera: Option<Plane<[f32; 3]>>,
+    /// [`facile_core::Segment`] ids; 0 where nothing is hit.
+    pub segment: Option<Plane<u8>>,
+    /// Object, triangle and barycentric coordinates; [`Hit::MISS`] where nothing is hit.
+    pub hit: Option<Plane<Hit>>,
+    /// [`Occlusion`] codes.
+    pub occlusion: Option<Plane<u8>>,
+    /// Segment ids as if there were no occluders.
+    pub amodal_segment: Option<Plane<u8>>,
+    /// Depth as if there were no occluders, mm.
+    pub amodal_depth_z: Option<Plane<f32>>,
+    /// Diffuse linear RGB of the surface, before any light.
+    pub albedo: Option<Plane<[f32; 3]>>,
+}
+
+/// The samples at the pixels' centres: one entry per pixel that may show anything.
+pub(crate) struct CenterHits<'a> {
+    pub(crate) pixels: &'a [[u32; 2]],
+    pub(crate) hits: &'a [Hit],
+    /// Hits of the layer behind the occluders; empty unless the occlusion maps are asked for.
+    pub(crate) behind: &'a [Hit],
+}
+
+impl GBuffer {
+    pub(crate) fn new(
+        scene: &Scene,
+        camera: &Camera,
+        truth: Truth,
+        centers: &CenterHits<'_>,
+    ) -> Self {
+        let (width, height) = (camera.width(), camera.height());
+        let fill = Fill {
+            width,
+            height,
+            pixels: centers.pixels,
+        };
+        let segment_id = |h: &Hit| scene.objects()[h.object as usize].segment_at(h).id();
+        let wants_normal = truth.normal_in_world || truth.normal_in_camera;
+        let normal_in_world = fill.plane(wants_normal, centers.hits, [0.0; 3], |i, h| {
+            shading_normal(scene, camera, centers.pixels[i], h).into()
+        });
+        let rotation = camera.camera_from_world().cast::<f32>();
+        let normal_in_camera = normal_in_world
+            .as_ref()
+            .filter(|_| truth.normal_in_camera)
+            .map(|plane| plane.map(|n| (rotation * Vec3::from(*n)).into()));
+        let occlusion = fill.plane(truth.occlusion, centers.behind, 0, |i, _| {
+            occlusion_at(scene, &centers.hits[i]) as u8
+        });
+        Self {
+            depth_z: fill.plane(truth.depth_z, centers.hits, f32::INFINITY, |_, h| h.t),
+            normal_in_world: normal_in_world.filter(|_| truth.normal_in_world),
+            normal_in_camera,
+            segment: fill.plane(truth.segment, centers.hits, 0, |_, h| segment_id(h)),
+            hit: fill.plane(truth.hit, centers.hits, Hit::MISS, |_, h| *h),
+            occlusion,
+            amodal_segment: fill.plane(truth.occlusion, centers.behind, 0, |_, h| segment_id(h)),
+            amodal_depth_z: fill.plane(truth.occlusion, centers.behind, f32::INFINITY, |_, h| h.t),
+            albedo: fill.plane(truth.albedo, centers.hits, [0.0; 3], |_, h| {
+                let color: Rgb = albedo(&scene.objects()[h.object as usize], h);
+                color.into()
+            }),
+        }
+    }
+}
+
+/// Writes one value per hit into a plane.
+struct Fill<'a> {
+    width: usize,
+    height: usize,
+    pixels: &'a [[u32; 2]],
+}
+
+impl Fill<'_> {
+    fn plane<T: Clone>(
+        &self,
+        wanted: bool,
+        hits: &[Hit],
+        empty: T,
+        value: impl Fn(usize, &Hit) -> T,
+    ) -> Option<Plane<T>> {
+        wanted.then(|| {
+            let mut plane = Plane::filled(self.width, self.height, empty);
+            for (i, (hit, [x, y])) in hits.iter().zip(self.pixels).enumerate() {
+                if hit.is_some() {
+                    plane[(*x as usize, *y as usize)] = value(i, hit);
+                }
+            }
+            plane
+        })
+    }
+}
+
+fn shading_normal(scene: &Scene, camera: &Camera, [x, y]: [u32; 2], hit: &Hit) -> Vec3 {
+    let ray = camera.ray([f64::from(x) + 0.5, f64::from(y) + 0.5]);
+    Interaction::new(scene, &ray, hit).normal
+}
+
+/// The occlusion code of a pixel behind which there is a face.
+fn occlusion_at(scene: &Scene, front: &Hit) -> Occlusion {
+    let Some(object) = scene.objects().get(front.object as usize) else {
+        return Occlusion::Visible;
+    };
+    if !object.is_occluder() {
+        Occlusion::Visible
+    } else if object.material(front.triangle).is_transparent() {
+        Occlusion::Through
+    } else {
+        Occlusion::Covered
+    }
+}

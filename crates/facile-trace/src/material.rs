@@ -1,0 +1,156 @@
+//! What surfaces are made of.
+
+use std::sync::Arc;
+
+use facile_core::Texture;
+
+use crate::math::Rgb;
+
+/// Diffuse colour of a surface.
+#[derive(Clone, Debug)]
+pub enum Albedo {
+    /// One linear RGB value.
+    Constant(Rgb),
+    /// Bilinear look-up by texture coordinate, times a linear RGB tint.
+    Texture {
+        /// The image.
+        texture: Arc<Texture>,
+        /// Factor on every texel.
+        tint: Rgb,
+    },
+    /// Linear RGB of the vertices, interpolated.
+    VertexColor,
+}
+
+impl Albedo {
+    /// A texture as it is.
+    pub fn texture(texture: Arc<Texture>) -> Self {
+        Self::Texture {
+            texture,
+            tint: Rgb::repeat(1.0),
+        }
+    }
+}
+
+/// How light goes through a surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Transmission {
+    /// A sheet so thin that light keeps its direction: a lens of glasses, a foil.
+    Thin {
+        /// Linear RGB share that passes, per surface.
+        tint: Rgb,
+    },
+    /// A closed solid that refracts: a thick lens, a cornea.
+    Solid {
+        /// Refractive index inside over outside, above 0.
+        ior: f32,
+        /// Linear RGB share that passes, per surface.
+        tint: Rgb,
+    },
+}
+
+impl Transmission {
+    /// Linear RGB share that passes one surface.
+    pub fn tint(&self) -> Rgb {
+        match self {
+            Self::Thin { tint } | Self::Solid { tint, .. } => *tint,
+        }
+    }
+}
+
+/// A material: a diffuse layer, a Phong highlight, a mirror, and what passes through.
+#[derive(Clone, Debug)]
+pub struct Material {
+    /// Diffuse colour.
+    pub albedo: Albedo,
+    /// Strength of the highlight, at least 0. The highlight of light `E` is
+    /// `specular (shininess + 2) / 2 cos^shininess(alpha) E cos(theta)`, `alpha` between the mirrored light and the viewer:
+    /// Phong's, normalised so that its energy does not depend on the shininess.
+    pub specular: f32,
+    /// Sharpness of the highlight, at least 0: 10 skin, 400 water.
+    pub shininess: f32,
+    /// Mirror reflection at normal incidence, in `[0, 1]`; grows towards 1 at grazing angles by Schlick's rule. 0 spawns
+    /// no rays. 0.02 water, 0.04 glass, 1 a perfect mirror.
+    pub reflectivity: f32,
+    /// What passes through; `None` is opaque. A transparent surface has no diffuse layer.
+    pub transmission: Option<Transmission>,
+    /// Share of ambient light that arrives, in `[0, 1]`: below 1 for cavities, which ambient light without shadows would
+    /// light too much.
+    pub exposure: f32,
+}
+
+impl Default for Material {
+    /// Matt, half grey.
+    fn default() -> Self {
+        Self {
+            albedo: Albedo::Constant(Rgb::repeat(0.5)),
+            specular: 0.0,
+            shininess: 1.0,
+            reflectivity: 0.0,
+            transmission: None,
+            exposure: 1.0,
+        }
+    }
+}
+
+impl Material {
+    /// A matt surface of one linear colour.
+    pub fn matt(color: Rgb) -> Self {
+        Self {
+            albedo: Albedo::Constant(color),
+            ..Self::default()
+        }
+    }
+
+    /// Skin with a texture: a broad, weak sheen.
+    pub fn skin(texture: Arc<Texture>) -> Self {
+        Self {
+            albedo: Albedo::texture(texture),
+            specular: 0.035,
+            shininess: 14.0,
+            ..Self::default()
+        }
+    }
+
+    /// A wet surface with a texture, such as an eye: a small bright highlight and a faint mirror image.
+    pub fn wet(texture: Arc<Texture>) -> Self {
+        Self {
+            albedo: Albedo::texture(texture),
+            specular: 0.02,
+            shininess: 500.0,
+            reflectivity: 0.02,
+            ..Self::default()
+        }
+    }
+
+    /// A lens of glasses that lets a linear RGB share pass.
+    pub fn thin_glass(tint: Rgb) -> Self {
+        Self {
+            albedo: Albedo::Constant(Rgb::zeros()),
+            specular: 0.02,
+            shininess: 800.0,
+            reflectivity: 0.04,
+            transmission: Some(Transmission::Thin { tint }),
+            ..Self::default()
+        }
+    }
+
+    /// A perfect mirror.
+    pub fn mirror() -> Self {
+        Self {
+            albedo: Albedo::Constant(Rgb::zeros()),
+            reflectivity: 1.0,
+            ..Self::default()
+        }
+    }
+
+    /// Whether light passes through.
+    pub fn is_transparent(&self) -> bool {
+        self.transmission.is_some()
+    }
+
+    /// Whether shading it needs more rays than the light's.
+    pub(crate) fn spawns_rays(&self) -> bool {
+        self.reflectivity > 0.0 || self.transmission.is_some()
+    }
+}

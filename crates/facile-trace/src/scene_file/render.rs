@@ -1,0 +1,345 @@
+//! Renders a scene file.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use facile_core::color::LINEAR_FROM_SRGB8;
+use facile_core::rng::RandomStream;
+use facile_core::{Plane, Point3, Texture};
+
+use super::{MeshSection, SceneFile, Spread, TimingReport};
+use crate::TraceError;
+use crate::gbuffer::GBuffer;
+use crate::geometry::Normals;
+use crate::material::{Albedo, Material, Transmission};
+use crate::math::Rgb;
+use crate::object::Object;
+use crate::png_file::{encode_rgb8, write_bytes, write_gray8, write_gray16, write_rgb8};
+use crate::scene::Scene;
+use crate::view::{RenderSettings, Rendering, View, trace_view};
+
+/// Steps of a depth map's 16 bits: the largest power of two per mm that holds the image's depths, at most 64.
+const FINEST_DEPTH_STEPS_PER_MM: f32 = 64.0;
+
+/// Renders `path` into `out_dir`: `color.png`, the label maps that the file asks for, and `scene.json` with the camera's
+/// matrices and the depth scale. `timing`, if given, gets the [`TimingReport`] as JSON, which is also returned.
+///
+/// # Errors
+/// [`TraceError`] with the file, line or setting that is wrong.
+pub fn render_scene_file(
+    path: &Path,
+    out_dir: &Path,
+    timing: Option<&Path>,
+) -> Result<TimingReport, TraceError> {
+    let file = SceneFile::read(path)?;
+    let camera = file.camera()?;
+    let folder = path.parent().unwrap_or(Path::new("."));
+    std::fs::create_dir_all(out_dir).map_err(|source| TraceError::Io {
+        path: out_dir.to_owned(),
+        source,
+    })?;
+    let (mut scene, mut report) = load_scene(&file, folder)?;
+    report.frames = file.frames;
+    let settings = RenderSettings {
+        samples: file.image.samples,
+        truth: file.truth(),
+        ..RenderSettings::default()
+    };
+    let rest = rest_positions(&scene);
+    let mut times = FrameTimes::default();
+    let mut last = None;
+    for frame in 0..file.frames {
+        let start = Instant::now();
+        if file.jitter_mm > 0.0 {
+            jitter(&mut scene, &rest, file.jitter_mm, frame)?;
+        }
+        let refit = start.elapsed();
+        let view = trace_view(&scene, &camera, &settings)?;
+        let rendering = view.shade(&scene, &file.light)?;
+        let image = rendering.to_srgb8();
+        let whole = start.elapsed();
+        let encode_start = Instant::now();
+        let color_path = out_dir.join("color.png");
+        let bytes = encode_rgb8(&color_path, &image)?;
+        times.push(refit, &view, &rendering, encode_start.elapsed(), whole);
+        last = Some((view, rendering, color_path, bytes));
+    }
+    if let Some((view, rendering, color_path, bytes)) = last {
+        write_bytes(&color_path, &bytes)?;
+        write_maps(out_dir, &view, &rendering)?;
+    }
+    times.fill(&mut report);
+    if let Some(path) = timing {
+        write_json(path, &report)?;
+    }
+    Ok(report)
+}
+
+fn load_scene(file: &SceneFile, folder: &Path) -> Result<(Scene, TimingReport), TraceError> {
+    let background = Rgb::from(
+        file.image
+            .background
+            .map(|v| LINEAR_FROM_SRGB8[usize::from(v)]),
+    );
+    let mut scene = Scene::new(background);
+    let (mut load, mut build) = (Duration::ZERO, Duration::ZERO);
+    let mut triangles = 0;
+    for section in &file.mesh {
+        let start = Instant::now();
+        let (mesh, own_texture) = super::load::load_mesh(&folder.join(&section.file))?;
+        let texture = match &section.texture {
+            Some(texture) => Some(super::load::load_texture(&folder.join(texture))?),
+            None => own_texture,
+        };
+        let material = material(section, texture, !mesh.colors.is_empty())?;
+        load += start.elapsed();
+        let start = Instant::now();
+        let normals = if section.smooth {
+            Normals::SmoothWelded
+        } else {
+            Normals::Flat
+        };
+        let mut object = Object::new(&mesh, normals, material)?;
+        if section.occluder {
+            object = object.as_occluder();
+        }
+        triangles += mesh.triangles.len();
+        scene.add(object);
+        build += start.elapsed();
+    }
+    let report = TimingReport {
+        triangles,
+        load_ms: milliseconds(load),
+        build_ms: milliseconds(build),
+        ..TimingReport::default()
+    };
+    Ok((scene, report))
+}
+
+fn material(
+    section: &MeshSection,
+    texture: Option<Texture>,
+    has_colors: bool,
+) -> Result<Material, TraceError> {
+    let check = |name, value: f32, high: f32, expected| {
+        if (0.0..=high).contains(&value) {
+            Ok(())
+        } else {
+            Err(TraceError::Setting {
+                name,
+                expected,
+                got: value.to_string(),
+            })
+        }
+    };
+    check(
+        "specular",
+        section.specular,
+        f32::MAX,
+        "a finite number of at least 0",
+    )?;
+    check(
+        "shininess",
+        section.shininess,
+        f32::MAX,
+        "a finite number of at least 0",
+    )?;
+    check(
+        "reflectivity",
+        section.reflectivity,
+        1.0,
+        "a number in 0..=1",
+    )?;
+    for share in section.transmission.iter().flatten() {
+        check("transmission", *share, 1.0, "numbers in 0..=1")?;
+    }
+    if let Some(ior) = section.ior {
+        check("ior", ior - 0.1, 10.0, "a refractive index in 0.1..=10")?;
+    }
+    let color = Rgb::from(section.color.map(|v| LINEAR_FROM_SRGB8[usize::from(v)]));
+    Ok(Material {
+        albedo: match texture {
+            Some(texture) => Albedo::texture(Arc::new(texture)),
+            None if has_colors => Albedo::VertexColor,
+            None => Albedo::Constant(color),
+        },
+        specular: section.specular,
+        shininess: section.shininess,
+        reflectivity: section.reflectivity,
+        transmission: section.transmission.map(|tint| {
+            let tint = Rgb::from(tint);
+            section
+                .ior
+                .map_or(Transmission::Thin { tint }, |ior| Transmission::Solid {
+                    ior,
+                    tint,
+                })
+        }),
+        exposure: 1.0,
+    })
+}
+
+fn rest_positions(scene: &Scene) -> Vec<Vec<Point3>> {
+    let positions = |o: &Object| {
+        o.geometry()
+            .positions()
+            .iter()
+            .map(|p| Point3::from(p.cast::<f64>()))
+            .collect()
+    };
+    scene.objects().iter().map(positions).collect()
+}
+
+/// Moves every vertex; the same for the same frame on every run.
+fn jitter(
+    scene: &mut Scene,
+    rest: &[Vec<Point3>],
+    amplitude: f64,
+    frame: u32,
+) -> Result<(), TraceError> {
+    let mut stream = RandomStream::new(0, u64::from(frame));
+    for (object, rest) in scene.objects_mut().iter_mut().zip(rest) {
+        let moved: Vec<Point3> = rest
+            .iter()
+            .map(|p| p.map(|v| v + stream.uniform(-amplitude, amplitude)))
+            .collect();
+        object.set_positions(&moved)?;
+    }
+    Ok(())
+}
+
+fn write_maps(out_dir: &Path, view: &View, rendering: &Rendering) -> Result<(), TraceError> {
+    let maps: &GBuffer = &view.gbuffer;
+    let to = |name: &str| out_dir.join(name);
+    let mut depth_steps_per_mm = None;
+    if let Some(depth_z) = &maps.depth_z {
+        let steps = depth_steps(depth_z);
+        depth_steps_per_mm = Some(steps);
+        write_gray16(&to("depth.png"), &depth_z.map(|z| depth_code(*z, steps)))?;
+    }
+    if let Some(normals) = &maps.normal_in_world {
+        let code = |v: f32| (127.5 * (v + 1.0)).round() as u8;
+        write_rgb8(&to("normals.png"), &normals.map(|n| n.map(code)))?;
+    }
+    let planes = [
+        ("segments.png", &maps.segment),
+        ("occlusion.png", &maps.occlusion),
+        ("amodal_segments.png", &maps.amodal_segment),
+    ];
+    for (name, plane) in planes {
+        if let Some(plane) = plane {
+            write_gray8(&to(name), plane)?;
+        }
+    }
+    if let Some(albedo) = &maps.albedo {
+        let code = |c: &[f32; 3]| c.map(facile_core::color::srgb8_from_linear);
+        write_rgb8(&to("albedo.png"), &albedo.map(code))?;
+    }
+    if let Some(shadow) = &rendering.shadow {
+        write_gray8(
+            &to("shadow.png"),
+            &shadow.map(|s| (s * 255.0).round() as u8),
+        )?;
+    }
+    let camera = view.camera();
+    let rows = |m: &facile_core::Matrix3| -> Vec<Vec<f64>> {
+        m.row_iter().map(|r| r.iter().copied().collect()).collect()
+    };
+    let record = serde_json::json!({
+        "size": [camera.width(), camera.height()],
+        "k": rows(camera.intrinsics()),
+        "r": rows(camera.camera_from_world()),
+        "t": camera.translation().as_slice(),
+        "depth_steps_per_mm": depth_steps_per_mm,
+    });
+    write_json(&to("scene.json"), &record)
+}
+
+/// Steps per mm that 16 bits hold, a power of two; code 0 is left for pixels without a surface.
+fn depth_steps(depth_z: &Plane<f32>) -> f32 {
+    let finite = depth_z.as_slice().iter().copied().filter(|z| z.is_finite());
+    let deepest = finite.fold(0.0, f32::max);
+    let mut steps = FINEST_DEPTH_STEPS_PER_MM;
+    while deepest * steps > 65_535.0 {
+        steps /= 2.0;
+    }
+    steps
+}
+
+fn depth_code(z: f32, steps: f32) -> u16 {
+    if z.is_finite() {
+        (z * steps).round().clamp(1.0, 65_535.0) as u16
+    } else {
+        0
+    }
+}
+
+fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), TraceError> {
+    let text = serde_json::to_string_pretty(value).map_err(|e| TraceError::Encode {
+        path: path.to_owned(),
+        reason: e.to_string(),
+    })?;
+    write_bytes(path, text.as_bytes())
+}
+
+fn milliseconds(duration: Duration) -> f64 {
+    duration.as_secs_f64() * 1e3
+}
+
+/// Times of every frame, ms.
+#[derive(Default)]
+struct FrameTimes {
+    refit: Vec<f64>,
+    primary: Vec<f64>,
+    shadow: Vec<f64>,
+    shade: Vec<f64>,
+    resolve: Vec<f64>,
+    encode: Vec<f64>,
+    frame: Vec<f64>,
+}
+
+impl FrameTimes {
+    fn push(
+        &mut self,
+        refit: Duration,
+        view: &View,
+        rendering: &Rendering,
+        encode: Duration,
+        frame: Duration,
+    ) {
+        self.refit.push(milliseconds(refit));
+        self.primary.push(milliseconds(view.primary_time));
+        self.shadow.push(milliseconds(rendering.times.shadow));
+        self.shade.push(milliseconds(rendering.times.shade));
+        self.resolve.push(milliseconds(rendering.times.resolve));
+        self.encode.push(milliseconds(encode));
+        self.frame.push(milliseconds(frame));
+    }
+
+    fn fill(self, report: &mut TimingReport) {
+        report.refit_ms = Spread::of(self.refit);
+        report.primary_ms = Spread::of(self.primary);
+        report.shadow_ms = Spread::of(self.shadow);
+        report.shade_ms = Spread::of(self.shade);
+        report.resolve_ms = Spread::of(self.resolve);
+        report.encode_ms = Spread::of(self.encode);
+        report.frame_ms = Spread::of(self.frame);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn depth_codes_round_trip() {
+        let plane = Plane::from_vec(3, 1, vec![600.2, f32::INFINITY, 700.7]);
+        let steps = depth_steps(&plane);
+        assert_eq!(steps, 64.0);
+        assert_eq!(depth_code(f32::INFINITY, steps), 0);
+        assert!((f32::from(depth_code(600.2, steps)) / steps - 600.2).abs() <= 0.5 / steps);
+        let far = Plane::from_vec(1, 1, vec![50_000.0]);
+        assert_eq!(depth_steps(&far), 1.0);
+    }
+}

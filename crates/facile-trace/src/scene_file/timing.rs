@@ -1,0 +1,71 @@
+//! What rendering a scene file took.
+
+use serde::Serialize;
+
+/// Median and spread of a step over frames, ms.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Spread {
+    /// Half of the frames took less.
+    pub median: f64,
+    /// Fastest frame.
+    pub min: f64,
+    /// Slowest frame.
+    pub max: f64,
+}
+
+impl Spread {
+    /// Median, minimum and maximum of a list; zeros for an empty one.
+    pub fn of(mut values: Vec<f64>) -> Self {
+        values.sort_by(f64::total_cmp);
+        let (Some(&min), Some(&max)) = (values.first(), values.last()) else {
+            return Self::default();
+        };
+        let middle = values.len() / 2;
+        let median = if values.len().is_multiple_of(2) {
+            values[middle - 1].midpoint(values[middle])
+        } else {
+            values[middle]
+        };
+        Self { median, min, max }
+    }
+}
+
+/// Milliseconds of every step, wall clock, one thread.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct TimingReport {
+    /// Frames rendered.
+    pub frames: u32,
+    /// Triangles in the scene.
+    pub triangles: usize,
+    /// Reading meshes and textures.
+    pub load_ms: f64,
+    /// Building the trees.
+    pub build_ms: f64,
+    /// Moving vertices and refitting, per frame; zeros without `jitter_mm`.
+    pub refit_ms: Spread,
+    /// Primary rays and label maps, per frame.
+    pub primary_ms: Spread,
+    /// Shadow rays, per frame.
+    pub shadow_ms: Spread,
+    /// Shading without shadow rays, mirror and refraction rays included, per frame.
+    pub shade_ms: Spread,
+    /// Further samples of uneven pixels, and the mean of samples, per frame.
+    pub resolve_ms: Spread,
+    /// Encoding the colour image as PNG, per frame.
+    pub encode_ms: Spread,
+    /// Refit to resolve, per frame.
+    pub frame_ms: Spread,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn medians_are_medians() {
+        assert_eq!(Spread::of(vec![3.0, 1.0, 2.0]).median, 2.0);
+        let even = Spread::of(vec![4.0, 1.0, 2.0, 3.0]);
+        assert_eq!((even.median, even.min, even.max), (2.5, 1.0, 4.0));
+        assert_eq!(Spread::of(Vec::new()), Spread::default());
+    }
+}
