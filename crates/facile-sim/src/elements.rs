@@ -1,0 +1,252 @@
+//! Shape and volume preservation of the skin's prisms, eq. 12 and 13.
+//!
+//! A prism has six nodes: a triangle of the skin and the one of the fascia below it. Both terms are gradients of
+//! energies. Shape, eq. 12: `(k_s / 2) sum |(x_i - c) - R o_i|^2` with the centre `c` of the six nodes and rest offsets
+//! `o_i` that turn with jaw and lids. Volume: `(kappa / 2)(V - V_0)^2` with `V = N . h`, `N` the area vector of the
+//! triangle half-way between the layers and `h` the mean offset of skin from fascia; `kappa = 3 k_v / A_0`. At rest it
+//! equals eq. 13, but it has no net force or torque, and pushes the fascia down where eq. 13 as printed pushes it up.
+
+use crate::params::PaperParams;
+use crate::vector::{M3, V3, ZERO, add, add_scaled, cross, dot, norm, rotate, scale, sub};
+
+/// Areas below this share of the mean count as that share in `kappa`.
+const MIN_AREA_SHARE: f64 = 0.05;
+
+/// Prisms at rest.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Elements {
+    /// Nodes: three of the skin, then the three of the fascia below.
+    pub(crate) nodes: Vec<[u32; 6]>,
+    /// Offsets from the prism's centre at rest, mm.
+    pub(crate) offsets: Vec<[V3; 6]>,
+    /// `kappa` of the volume energy.
+    pub(crate) kappa: Vec<f64>,
+    /// Volume at rest, mm^3.
+    pub(crate) volume: Vec<f64>,
+    /// `k_s`.
+    pub(crate) shape_stiffness: f64,
+}
+
+impl Elements {
+    /// Prisms over `triangles` of the skin. `rest`: the skin's nodes, then the fascia's.
+    pub(crate) fn new(triangles: &[[u32; 3]], params: &PaperParams, rest: &[V3]) -> Self {
+        let n = (rest.len() / 2) as u32;
+        let mut out = Self {
+            shape_stiffness: params.shape_stiffness,
+            ..Self::default()
+        };
+        let mut areas = Vec::with_capacity(triangles.len());
+        for &[a, b, c] in triangles {
+            let nodes = [a, b, c, n + a, n + b, n + c];
+            let x = nodes.map(|i| rest[i as usize]);
+            let center = center(&x);
+            out.nodes.push(nodes);
+            out.offsets.push(x.map(|p| sub(p, center)));
+            let v = Volume::of(&x);
+            out.volume.push(v.value);
+            areas.push(norm(v.area));
+        }
+        let mean = areas.iter().sum::<f64>() / areas.len().max(1) as f64;
+        let floor = (MIN_AREA_SHARE * mean).max(1e-9);
+        out.kappa = areas
+            .iter()
+            .map(|a| 3.0 * params.volume_stiffness / a.max(floor))
+            .collect();
+        out
+    }
+
+    /// Offsets turned with what lies under each prism.
+    pub(crate) fn turned(&self, rotation: impl Fn(usize) -> M3) -> Vec<[V3; 6]> {
+        self.offsets
+            .iter()
+            .enumerate()
+            .map(|(e, offsets)| {
+                let r = rotation(e);
+                offsets.map(|o| rotate(&r, o))
+            })
+            .collect()
+    }
+
+    /// Adds the energy's gradient to `gradient` and returns the energy. `offsets` as [`Self::turned`] gives them.
+    pub(crate) fn energy(&self, x: &[V3], offsets: &[[V3; 6]], gradient: &mut [V3]) -> f64 {
+        let ks = self.shape_stiffness;
+        let mut shape = 0.0;
+        let mut volume = 0.0;
+        for (e, nodes) in self.nodes.iter().enumerate() {
+            let p = nodes.map(|i| x[i as usize]);
+            let center = center(&p);
+            let v = Volume::of(&p);
+            let stretch = v.value - self.volume[e];
+            let pressure = self.kappa[e] * stretch;
+            volume += pressure * stretch;
+            let slopes = v.gradient();
+            for k in 0..6 {
+                // The six residuals sum to zero, so the centre adds nothing to the gradient.
+                let residual = sub(sub(p[k], center), offsets[e][k]);
+                shape += dot(residual, residual);
+                let force = add_scaled(scale(residual, ks), slopes[k], pressure);
+                let i = nodes[k] as usize;
+                gradient[i] = add(gradient[i], force);
+            }
+        }
+        0.5 * (ks * shape + volume)
+    }
+
+    /// Number of prisms that are turned inside out.
+    pub(crate) fn inverted(&self, x: &[V3]) -> usize {
+        self.nodes
+            .iter()
+            .zip(&self.volume)
+            .filter(|(nodes, rest)| Volume::of(&nodes.map(|i| x[i as usize])).value * **rest < 0.0)
+            .count()
+    }
+}
+
+fn center(x: &[V3; 6]) -> V3 {
+    scale(x.iter().fold(ZERO, |s, p| add(s, *p)), 1.0 / 6.0)
+}
+
+/// The approximate volume of a prism, `N . h`.
+pub(crate) struct Volume {
+    pub(crate) value: f64,
+    /// Area vector `N` of the middle triangle, mm^2.
+    pub(crate) area: V3,
+    height: V3,
+    middle: [V3; 3],
+}
+
+impl Volume {
+    #[inline]
+    pub(crate) fn of(x: &[V3; 6]) -> Self {
+        let middle = [0, 1, 2].map(|k| scale(add(x[k], x[k + 3]), 0.5));
+        let area = scale(
+            cross(sub(middle[1], middle[0]), sub(middle[2], middle[0])),
+            0.5,
+        );
+        let up = [0, 1, 2].map(|k| sub(x[k], x[k + 3]));
+        let height = scale(add(add(up[0], up[1]), up[2]), 1.0 / 3.0);
+        Self {
+            value: dot(area, height),
+            area,
+            height,
+            middle,
+        }
+    }
+
+    /// Gradient by the six nodes.
+    #[inline]
+    pub(crate) fn gradient(&self) -> [V3; 6] {
+        let third = scale(self.area, 1.0 / 3.0);
+        let side = |k: usize| {
+            let along = sub(self.middle[(k + 1) % 3], self.middle[(k + 2) % 3]);
+            scale(cross(along, self.height), 0.25)
+        };
+        let s = [side(0), side(1), side(2)];
+        [
+            add(s[0], third),
+            add(s[1], third),
+            add(s[2], third),
+            sub(s[0], third),
+            sub(s[1], third),
+            sub(s[2], third),
+        ]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::vector::IDENTITY;
+
+    fn prism() -> (Elements, Vec<V3>) {
+        let rest = vec![
+            [0.0, 0.0, 5.0],
+            [4.0, 0.5, 5.2],
+            [0.3, 3.0, 4.9],
+            [0.0, 0.0, 0.0],
+            [4.0, 0.4, 0.0],
+            [0.2, 3.0, 0.1],
+        ];
+        (
+            Elements::new(&[[0, 1, 2]], &PaperParams::default(), &rest),
+            rest,
+        )
+    }
+
+    #[test]
+    fn a_straight_prism_has_area_times_height() {
+        let x = [
+            [0.0, 0.0, 5.0],
+            [4.0, 0.0, 5.0],
+            [0.0, 3.0, 5.0],
+            [0.0; 3],
+            [4.0, 0.0, 0.0],
+            [0.0, 3.0, 0.0],
+        ];
+        assert!((Volume::of(&x).value - 30.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_gradient_is_that_of_the_energy_and_has_no_net_force_or_torque() {
+        let (elements, rest) = prism();
+        let offsets = elements.turned(|_| IDENTITY);
+        let mut x = rest;
+        for (k, p) in x.iter_mut().enumerate() {
+            let t = k as f64;
+            *p = add(*p, [0.3 * libm::sin(t), 0.2 * libm::cos(3.0 * t), 0.1 * t]);
+        }
+        let mut gradient = vec![ZERO; 6];
+        elements.energy(&x, &offsets, &mut gradient);
+        for i in 0..6 {
+            for k in 0..3 {
+                let at = |d: f64| {
+                    let mut y = x.clone();
+                    y[i][k] += d;
+                    elements.energy(&y, &offsets, &mut vec![ZERO; 6])
+                };
+                let slope = (at(1e-5) - at(-1e-5)) / 2e-5;
+                assert!((slope - gradient[i][k]).abs() < 1e-6 * (1.0 + slope.abs()));
+            }
+        }
+        let v = Volume::of(&[x[0], x[1], x[2], x[3], x[4], x[5]]).gradient();
+        let force = v.iter().fold(ZERO, |s, g| add(s, *g));
+        let torque = (0..6).fold(ZERO, |s, i| add(s, cross(x[i], v[i])));
+        assert!(norm(force) < 1e-12 && norm(torque) < 1e-11);
+    }
+
+    #[test]
+    fn volume_at_rest_equals_eq_13() {
+        // A small change of height: eq. 13 pushes each skin node by k_v dV along the normal.
+        let x = [
+            [0.0, 0.0, 5.0],
+            [4.0, 0.0, 5.0],
+            [0.0, 3.0, 5.0],
+            [0.0; 3],
+            [4.0, 0.0, 0.0],
+            [0.0, 3.0, 0.0],
+        ];
+        let params = PaperParams::default();
+        let elements = Elements::new(&[[0, 1, 2]], &params, &x);
+        let mut y = x;
+        for p in &mut y[..3] {
+            p[2] += 1e-6;
+        }
+        let v = Volume::of(&y);
+        let stretch = v.value - elements.volume[0];
+        let force = scale(v.gradient()[0], elements.kappa[0] * stretch);
+        assert!((force[2] - params.volume_stiffness * stretch).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_turned_prism_is_at_rest_when_its_offsets_turn_too() {
+        let (elements, rest) = prism();
+        let r = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]];
+        let x: Vec<V3> = rest.iter().map(|p| rotate(&r, *p)).collect();
+        let mut gradient = vec![ZERO; 6];
+        let energy = elements.energy(&x, &elements.turned(|_| r), &mut gradient);
+        assert!(energy < 1e-24);
+        assert_eq!(elements.inverted(&x), 0);
+        let flat: Vec<V3> = rest.iter().map(|p| [p[0], p[1], -p[2]]).collect();
+        assert_eq!(elements.inverted(&flat), 1);
+    }
+}

@@ -1,0 +1,209 @@
+//! A model in a pose: springs changed by muscles, skull and jaw in place, everything the solvers' energy needs.
+//!
+//! The total energy is that of springs, zero-length attachments, shape and volume; contact is apart, see `contact`.
+//! Its gradient is the left side of eq. 11 at rest: the residual of the equilibrium.
+
+use crate::SimError;
+use crate::contact::PosedContacts;
+use crate::kinematics::Rigid;
+use crate::lids::LidPose;
+use crate::model::FaceModel;
+use crate::muscle::{LidDrive, Side};
+use crate::pose::Pose;
+use crate::vector::{V3, add_scaled, dot, norm, rotate, sub};
+
+/// A posed model.
+#[derive(Debug)]
+pub(crate) struct Load<'a> {
+    pub(crate) model: &'a FaceModel,
+    pub(crate) stiffness: Vec<f64>,
+    pub(crate) rest_length: Vec<f64>,
+    /// Rest offsets of the prisms, turned.
+    pub(crate) offsets: Vec<[V3; 6]>,
+    /// Attachment springs of each node's fascia: stiffness and place on the skull.
+    pub(crate) attachment: Vec<f64>,
+    pub(crate) anchors: Vec<V3>,
+    /// All nodes moved along with skull, jaw and lids; where nodes that the solver does not move stay.
+    pub(crate) carried: Vec<V3>,
+    /// Rigid motion of every cage vertex.
+    pub(crate) motion: Vec<Rigid>,
+    pub(crate) contacts: PosedContacts<'a>,
+}
+
+impl<'a> Load<'a> {
+    /// Applies a pose that has been checked.
+    pub(crate) fn new(model: &'a FaceModel, pose: &Pose) -> Result<Self, SimError> {
+        pose.check(&model.template.muscles)?;
+        let template = &model.template;
+        let n = template.node_count();
+        let motion_of = model.hinges.motion(pose.jaw, lid_poses(model, pose));
+        let motion: Vec<Rigid> = (0..model.cage.len() as u32)
+            .map(|v| motion_of.of(v))
+            .collect();
+        let of_node = |i: usize| &motion[template.cage_of_node[i % n] as usize];
+        let carried: Vec<V3> = (0..2 * n)
+            .map(|i| of_node(i).apply(model.rest[i]))
+            .collect();
+        let contacts = PosedContacts {
+            contacts: &model.contacts,
+            field: &model.field,
+            frames: model
+                .contacts
+                .skull
+                .iter()
+                .map(|s| motion[s.cage as usize])
+                .collect(),
+            eyes: model.hinges.eyes,
+            directions: model
+                .contacts
+                .lips
+                .iter()
+                .map(|l| rotate(&motion_of.element_rotation(l.cage), l.direction))
+                .collect(),
+        };
+        let offsets = model.elements.turned(|e| {
+            let corners = template.triangles[e].map(|i| template.cage_of_node[i as usize]);
+            motion_of.element_rotation(corners)
+        });
+        let mut load = Self {
+            stiffness: model.springs.stiffness.clone(),
+            rest_length: model.springs.rest_length.clone(),
+            attachment: model.attachment.clone(),
+            anchors: carried[n..].to_vec(),
+            model,
+            offsets,
+            carried,
+            motion,
+            contacts,
+        };
+        load.contract(pose);
+        Ok(load)
+    }
+
+    /// Changes the springs of contracted muscles: rest length `sum(c l) / sum(c)`, stiffness times `S(c)` once, with the
+    /// strongest contraction; attachments on the first segment of linear muscles likewise.
+    fn contract(&mut self, pose: &Pose) {
+        let model = self.model;
+        let template = &model.template;
+        let params = &model.params;
+        let edges = template.edges.len();
+        let n = template.node_count();
+        let mut lengths = vec![[0.0f64; 3]; edges];
+        let mut hold = vec![0.0f64; n];
+        for (actuator, bound) in template.actuators.iter().zip(&model.bound) {
+            let name = &template.muscles.muscles()[actuator.muscle].name;
+            let c = pose
+                .contractions
+                .get(name)
+                .map_or(0.0, |s| s.of(actuator.side.unwrap_or(Side::Left)));
+            if c <= 0.0 {
+                continue;
+            }
+            let places = bound.contracted(c);
+            for &[edge, a, b] in &bound.edges {
+                let length = norm(sub(places[a as usize], places[b as usize]));
+                let sums = &mut lengths[edge as usize];
+                *sums = [sums[0] + c * length, sums[1] + c, sums[2].max(c)];
+            }
+            for &node in &bound.anchors {
+                hold[node as usize] = hold[node as usize].max(c);
+            }
+        }
+        for (edge, [weighted, total, strongest]) in lengths.into_iter().enumerate() {
+            if total > 0.0 {
+                self.rest_length[edge] = weighted / total;
+                self.stiffness[edge] *= params.gain(strongest);
+            }
+        }
+        for (node, c) in hold.into_iter().enumerate() {
+            if c > 0.0 {
+                // Fascia that is not attached at rest is attached here, the more the stronger the muscle pulls.
+                let at_rest = self.attachment[node];
+                let full = params.fascia_skull_stiffness * params.muscle_gain;
+                self.attachment[node] = at_rest + c * (full - at_rest);
+            }
+        }
+    }
+
+    /// The energy without contact; `gradient` (one entry per node) receives its gradient.
+    pub(crate) fn energy(&self, x: &[V3], gradient: &mut [V3]) -> f64 {
+        gradient.fill([0.0; 3]);
+        let ends = &self.model.springs.ends;
+        let springs = spring_energy(ends, &self.stiffness, &self.rest_length, x, gradient);
+        let attachments = self.attachment_energy(x, gradient);
+        springs + attachments + self.model.elements.energy(x, &self.offsets, gradient)
+    }
+
+    fn attachment_energy(&self, x: &[V3], gradient: &mut [V3]) -> f64 {
+        let n = self.attachment.len();
+        let mut energy = 0.0;
+        for (i, (&k, anchor)) in self.attachment.iter().zip(&self.anchors).enumerate() {
+            let d = sub(x[n + i], *anchor);
+            energy += k * dot(d, d);
+            gradient[n + i] = add_scaled(gradient[n + i], d, k);
+        }
+        0.5 * energy
+    }
+}
+
+fn lid_poses(model: &FaceModel, pose: &Pose) -> [LidPose; 2] {
+    Side::BOTH.map(|side| {
+        let pull = |drive: LidDrive| {
+            model
+                .template
+                .muscles
+                .muscles()
+                .iter()
+                .filter(|m| m.lid == Some(drive))
+                .filter_map(|m| pose.contractions.get(&m.name))
+                .map(|s| s.of(side))
+                .fold(0.0, f64::max)
+        };
+        LidPose {
+            close: pull(LidDrive::Close),
+            open: pull(LidDrive::Open),
+            pitch: pose.gaze.pitch_rad,
+        }
+    })
+}
+
+/// Energy `sum k (|x_a - x_b| - l)^2 / 2` of springs; adds its gradient.
+pub(crate) fn spring_energy(
+    ends: &[[u32; 2]],
+    stiffness: &[f64],
+    rest_length: &[f64],
+    x: &[V3],
+    gradient: &mut [V3],
+) -> f64 {
+    let mut energy = 0.0;
+    for ((&[a, b], &k), &l0) in ends.iter().zip(stiffness).zip(rest_length) {
+        let d = sub(x[a as usize], x[b as usize]);
+        let length = dot(d, d).sqrt();
+        let stretch = length - l0;
+        energy += k * stretch * stretch;
+        // A spring of no length has no direction: its force is left out.
+        let pull = if length > 1e-9 {
+            k * stretch / length
+        } else {
+            0.0
+        };
+        gradient[a as usize] = add_scaled(gradient[a as usize], d, pull);
+        gradient[b as usize] = add_scaled(gradient[b as usize], d, -pull);
+    }
+    0.5 * energy
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_spring_between_two_nodes_pulls_along_itself() {
+        // Two nodes 3 mm apart, rest length 2, stiffness 5: energy 2.5, force 5 towards each other.
+        let x = [[1.0, 2.0, 3.0], [1.0, 2.0, 6.0]];
+        let mut gradient = [[0.0; 3]; 2];
+        let energy = spring_energy(&[[0, 1]], &[5.0], &[2.0], &x, &mut gradient);
+        assert!((energy - 2.5).abs() < 1e-12);
+        assert_eq!(gradient, [[0.0, 0.0, -5.0], [0.0, 0.0, 5.0]]);
+    }
+}

@@ -1,0 +1,74 @@
+//! How true an equilibrium is.
+
+use serde::{Deserialize, Serialize};
+
+use super::{Outcome, SolverKind};
+use crate::load::Load;
+use crate::vector::{V3, norm};
+
+/// Nodes nearer than this to a surface may lean on it, mm.
+const TOUCH_MM: f64 = 0.02;
+
+/// Evidence that a face is at rest. It holds no wall time: the same input gives the same bytes.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Certificate {
+    /// Which solver.
+    pub solver: SolverKind,
+    /// Largest unbalanced force on a node, over the force of a relaxed fascia spring that is stretched by 1 mm. Forces
+    /// that press a node onto a surface it touches are balanced by that surface.
+    pub residual: f64,
+    /// Largest depth of a node below skull, eyeball or lip, mm, beyond its place at rest.
+    pub max_penetration_mm: f64,
+    /// Prisms of the skin that are turned inside out.
+    pub inverted_elements: usize,
+    /// Iterations of the solver, all steps of the path together.
+    pub iterations: usize,
+    /// Elastic energy (springs, attachments, shape, volume), in the units of Table 1 and mm.
+    pub energy: f64,
+}
+
+impl Certificate {
+    pub(crate) fn new(load: &Load<'_>, x: &[V3], solver: SolverKind, outcome: &Outcome) -> Self {
+        let assessed = assess(load, x);
+        Self {
+            solver,
+            residual: assessed.residual,
+            max_penetration_mm: load.contacts.penetration(x),
+            inverted_elements: load.model.elements.inverted(x),
+            iterations: outcome.iterations,
+            energy: assessed.energy,
+        }
+    }
+}
+
+/// Residual and energy at `x`, measured the same way for every solver.
+pub(crate) fn assess(load: &Load<'_>, x: &[V3]) -> Outcome {
+    let mut gradient = vec![[0.0; 3]; x.len()];
+    let energy = load.energy(x, &mut gradient);
+    let residual = residual(load, x, &mut gradient, TOUCH_MM);
+    Outcome {
+        residual,
+        iterations: 0,
+        converged: true,
+        energy,
+    }
+}
+
+/// Largest unbalanced force over the reference force. Takes balanced contact forces out of `gradient`.
+pub(crate) fn residual(load: &Load<'_>, x: &[V3], gradient: &mut [V3], touch: f64) -> f64 {
+    let moving = &load.model.template.moving;
+    // Nodes with several contacts: a few sweeps settle which of them carry.
+    for _ in 0..4 {
+        load.contacts.balance(x, touch, gradient, moving);
+    }
+    let largest = gradient
+        .iter()
+        .zip(moving)
+        .filter(|(_, m)| **m)
+        .map(|(g, _)| norm(*g))
+        .fold(
+            0.0,
+            |a: f64, b| if b.is_nan() { f64::NAN } else { a.max(b) },
+        );
+    largest / load.model.params.fascia_stiffness
+}

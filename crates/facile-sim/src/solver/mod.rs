@@ -1,0 +1,227 @@
+//! Two ways to the same equilibrium: quasi-static (the default) and velocity Verlet (the paper's).
+//!
+//! [`Solver`] owns scratch memory only; the result is a function of model, pose and parameters. Both solvers walk the
+//! same path from neutral to the pose, in steps of intensity, because strong poses have more than one equilibrium: the
+//! path makes the answer unique. What no solver can certify is an error, never a silent last iterate.
+
+mod certificate;
+mod lbfgs;
+mod preconditioner;
+mod quasi_static;
+mod verlet;
+
+use facile_core::{Isometry3, Point3, UnitQuaternion};
+use serde::{Deserialize, Serialize};
+
+pub use certificate::Certificate;
+pub(crate) use preconditioner::SystemPattern;
+
+use crate::SimError;
+use crate::kinematics::eye_rotation;
+use crate::load::Load;
+use crate::model::FaceModel;
+use crate::pose::Pose;
+use crate::sparse::Factor;
+use crate::vector::{V3, sub, to_point};
+use preconditioner::Preconditioner;
+
+/// Which way to the equilibrium.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SolverKind {
+    /// L-BFGS with a factored preconditioner, contact by an augmented Lagrangian.
+    #[default]
+    QuasiStatic,
+    /// The paper's damped motion, followed until it rests, contact by projection.
+    Verlet,
+}
+
+impl SolverKind {
+    /// The name in recipes and certificates.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::QuasiStatic => "quasi_static",
+            Self::Verlet => "verlet",
+        }
+    }
+}
+
+/// Settings of a solve.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SolverParams {
+    /// Which way.
+    pub kind: SolverKind,
+    /// Relative residual to reach: largest unbalanced force on a node over the force of a relaxed fascia spring that is
+    /// stretched by 1 mm. At the default the largest node error is about 0.01 mm.
+    pub tolerance: f64,
+    /// Largest penetration of skull, eyeballs or lips to accept, mm.
+    pub max_penetration_mm: f64,
+    /// Longest step of intensity on the path from neutral, in `(0, 1]`.
+    pub continuation_step: f64,
+    /// Iterations (quasi-static: of L-BFGS; Verlet: time steps) before giving up.
+    pub max_iterations: usize,
+    /// Stiffness of contact, before the multipliers take over.
+    pub contact_stiffness: f64,
+}
+
+impl Default for SolverParams {
+    fn default() -> Self {
+        Self {
+            kind: SolverKind::QuasiStatic,
+            tolerance: 2e-4,
+            max_penetration_mm: 0.02,
+            continuation_step: 0.34,
+            max_iterations: 4_000,
+            contact_stiffness: 2_000.0,
+        }
+    }
+}
+
+impl SolverParams {
+    /// Defaults of the paper's solver.
+    pub fn verlet() -> Self {
+        Self {
+            kind: SolverKind::Verlet,
+            max_iterations: 60_000,
+            ..Self::default()
+        }
+    }
+}
+
+/// A face at rest in a pose.
+#[derive(Clone, Debug)]
+pub struct Equilibrium {
+    /// Fine vertices, mm, head frame.
+    pub positions: Vec<Point3>,
+    /// Nodes of the simulation, mm, head frame: the skin's, then the fascia's.
+    pub nodes: Vec<Point3>,
+    /// Motion of the jaw from closed, head frame: what lower teeth and tongue follow.
+    pub jaw: Isometry3,
+    /// Rotation of each eyeball about its centre, left and right.
+    pub eyes: [UnitQuaternion; 2],
+    /// How well the equilibrium is met.
+    pub certificate: Certificate,
+}
+
+/// Solves for equilibria; holds memory that solves reuse.
+#[derive(Debug, Default)]
+pub struct Solver {
+    scratch: Option<Scratch>,
+}
+
+/// Memory for one topology.
+#[derive(Debug)]
+struct Scratch {
+    preconditioner: Preconditioner,
+    follow: Factor,
+    nodes: usize,
+}
+
+/// What a solver hands back.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Outcome {
+    pub(crate) residual: f64,
+    pub(crate) iterations: usize,
+    pub(crate) converged: bool,
+    pub(crate) energy: f64,
+}
+
+impl Solver {
+    /// A solver with nothing allocated yet.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// The equilibrium of a pose.
+    ///
+    /// # Errors
+    /// [`SimError::OutOfRange`] and [`SimError::UnknownName`] for a pose the model cannot take,
+    /// [`SimError::NotConverged`] if tolerance or penetration are not met.
+    pub fn solve(
+        &mut self,
+        model: &FaceModel,
+        pose: &Pose,
+        params: &SolverParams,
+    ) -> Result<Equilibrium, SimError> {
+        pose.check(&model.template.muscles)?;
+        let mut scratch = match self.scratch.take() {
+            Some(s) if s.nodes == model.rest.len() => s,
+            _ => Scratch {
+                preconditioner: Preconditioner::new(&model.template.pattern),
+                follow: model.follow.factor()?,
+                nodes: model.rest.len(),
+            },
+        };
+        let result = solve(&mut scratch, model, pose, params);
+        self.scratch = Some(scratch);
+        result
+    }
+}
+
+fn solve(
+    scratch: &mut Scratch,
+    model: &FaceModel,
+    pose: &Pose,
+    params: &SolverParams,
+) -> Result<Equilibrium, SimError> {
+    let load = Load::new(model, pose)?;
+    let (x, outcome) = if pose.is_neutral() {
+        // The rest state is the equilibrium by construction: nothing to iterate, nothing to round.
+        (model.rest.clone(), certificate::assess(&load, &model.rest))
+    } else {
+        match params.kind {
+            SolverKind::QuasiStatic => {
+                quasi_static::solve(&mut scratch.preconditioner, model, pose, params)?
+            }
+            SolverKind::Verlet => verlet::solve(model, pose, params)?,
+        }
+    };
+    let certificate = Certificate::new(&load, &x, params.kind, &outcome);
+    let within = certificate.max_penetration_mm <= params.max_penetration_mm;
+    if !outcome.converged || !within || !outcome.energy.is_finite() {
+        return Err(SimError::NotConverged {
+            solver: params.kind.name(),
+            iterations: outcome.iterations,
+            residual: outcome.residual,
+            tolerance: params.tolerance,
+            penetration_mm: certificate.max_penetration_mm,
+        });
+    }
+    Ok(finish(&mut scratch.follow, &load, &x, pose, certificate))
+}
+
+/// From nodes to fine vertices, in the head's frame.
+fn finish(
+    factor: &mut Factor,
+    load: &Load<'_>,
+    x: &[V3],
+    pose: &Pose,
+    certificate: Certificate,
+) -> Equilibrium {
+    let model = load.model;
+    let carried: Vec<V3> = model
+        .cage
+        .iter()
+        .zip(&load.motion)
+        .map(|(p, m)| sub(m.apply(*p), *p))
+        .collect();
+    let mut displacement = carried.clone();
+    for (i, &v) in model.template.cage_of_node.iter().enumerate() {
+        displacement[v as usize] = sub(x[i], model.rest[i]);
+    }
+    model.follow.complete(factor, &mut displacement, &carried);
+    let head = &model.head_from_skull;
+    let turned: Vec<V3> = displacement
+        .iter()
+        .map(|d| (head.rotation * crate::vector::to_vector(*d)).into())
+        .collect();
+    let jaw = model.hinges.jaw_isometry(&pose.jaw);
+    let eye = head.rotation * eye_rotation(&pose.gaze) * head.rotation.inverse();
+    Equilibrium {
+        positions: model.follow.fine(&model.fine, &turned),
+        nodes: x.iter().map(|p| head * to_point(*p)).collect(),
+        jaw: head * jaw * head.inverse(),
+        eyes: [eye; 2],
+        certificate,
+    }
+}

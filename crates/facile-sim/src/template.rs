@@ -1,0 +1,275 @@
+//! The simulation mesh of the reference head: what all subjects share.
+//!
+//! Nodes are cage vertices with role free, and the fixed ones they touch; elements are the triangles of the cage's quads,
+//! cut along the shorter diagonal of the reference, the same way on both sides of the face. Muscles are bound to nodes
+//! and springs here, once, so that every subject has the same muscles in the same places. Read next [`crate::model`].
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use facile_core::reference::{Cage, Role};
+use facile_core::{ReferenceHead, mesh};
+
+use crate::SimError;
+use crate::layers::Layers;
+use crate::muscle::{Actuator, MuscleSet, Reach};
+use crate::solver::SystemPattern;
+use crate::vector::{V3, from_point, from_vector, norm, scale, sub};
+
+/// Share of a lid's motion from which on its fascia is the tarsal plate itself.
+const PLATE_WEIGHT: f64 = 0.5;
+
+/// The simulation mesh and the muscles on it, for one reference head.
+#[derive(Debug)]
+pub struct Template {
+    /// Cage vertex of each node; free nodes first.
+    pub(crate) cage_of_node: Vec<u32>,
+    /// Node of each cage vertex that has one.
+    pub(crate) node_of_cage: Vec<Option<u32>>,
+    /// Number of free nodes.
+    pub(crate) free: usize,
+    /// Elements, counter-clockwise seen from outside.
+    pub(crate) triangles: Vec<[u32; 3]>,
+    /// Edges of the elements, `a < b`, sorted.
+    pub(crate) edges: Vec<[u32; 2]>,
+    /// Whether each of the `2 n` nodes (skin, then fascia) is moved by the solver.
+    pub(crate) moving: Vec<bool>,
+    /// Whether the fascia of each node is attached to the skull.
+    pub(crate) attached: Vec<bool>,
+    /// Whether the fascia of each node is tarsal plate.
+    pub(crate) plate: Vec<bool>,
+    /// Thickness of each node's tissue, mm.
+    pub(crate) thickness: Vec<f64>,
+    /// Topology of both eyes' lids and of the lips.
+    pub(crate) margins: Margins,
+    /// Muscles, left and right apart, bound to nodes.
+    pub(crate) actuators: Vec<Actuator>,
+    /// Sparsity of the solver's matrix.
+    pub(crate) pattern: SystemPattern,
+    /// The muscles the template was made with.
+    pub(crate) muscles: MuscleSet,
+}
+
+/// Borders of the simulated sheet.
+#[derive(Debug, Default)]
+pub(crate) struct Margins {
+    /// Cage vertices of the lid margins of the left and right eye: innermost ring first, then two more outwards.
+    pub(crate) lids: [Vec<u32>; 2],
+    /// Nodes of the rim of the lips, where the skin meets the inner mouth.
+    pub(crate) lips: Vec<u32>,
+}
+
+impl Template {
+    /// The simulation mesh of `reference` with these muscles.
+    ///
+    /// # Errors
+    /// [`SimError::Muscle`] for a muscle that misses the simulated skin.
+    pub fn new(reference: &ReferenceHead, muscles: &MuscleSet) -> Result<Self, SimError> {
+        let cage = &reference.cage;
+        let positions: Vec<V3> = reference.mesh.positions[..cage.positions.len()]
+            .iter()
+            .map(from_point)
+            .collect();
+        let faces = simulated_faces(cage);
+        let (cage_of_node, free) = number_nodes(cage, &faces);
+        let mut node_of_cage = vec![None; positions.len()];
+        for (node, &v) in cage_of_node.iter().enumerate() {
+            node_of_cage[v as usize] = Some(node as u32);
+        }
+        let triangles = split_quads(cage, &faces, &positions, &node_of_cage);
+        let edges = edges_of(&triangles);
+        let n = cage_of_node.len();
+        let per_node = |f: &dyn Fn(usize) -> bool| -> Vec<bool> {
+            cage_of_node.iter().map(|&v| f(v as usize)).collect()
+        };
+        let plate = per_node(&|v| cage.lid[v].abs() >= PLATE_WEIGHT && cage.roles[v] == Role::Free);
+        let moving: Vec<bool> = (0..2 * n)
+            .map(|i| i % n < free && !(i >= n && plate[i - n]))
+            .collect();
+        let thickness: Vec<f64> = cage_of_node
+            .iter()
+            .map(|&v| cage.thickness[v as usize])
+            .collect();
+        let eyes = reference.eyes.map(|e| from_point(&e.center));
+        let mut template = Self {
+            attached: per_node(&|v| cage.attached[v]),
+            margins: margins(cage, &positions, eyes, &node_of_cage),
+            pattern: SystemPattern::new(&triangles, &moving)?,
+            actuators: Vec::new(),
+            muscles: muscles.clone(),
+            cage_of_node,
+            node_of_cage,
+            free,
+            triangles,
+            edges,
+            moving,
+            plate,
+            thickness,
+        };
+        let layers = template.layers(reference, &reference.mesh.positions)?;
+        let mirror: Vec<u32> = template
+            .cage_of_node
+            .iter()
+            .map(|&v| template.node_of_cage[cage.mirror[v as usize] as usize])
+            .map(|m| {
+                m.ok_or(SimError::SizeMismatch {
+                    what: "mirrored nodes",
+                    expected: n,
+                    got: 0,
+                })
+            })
+            .collect::<Result<_, _>>()?;
+        template.actuators = Reach::new(&template, &layers, &mirror).bind_all(muscles)?;
+        Ok(template)
+    }
+
+    /// Number of nodes a layer, free and fixed.
+    pub fn node_count(&self) -> usize {
+        self.cage_of_node.len()
+    }
+
+    /// Number of free nodes a layer.
+    pub fn free_count(&self) -> usize {
+        self.free
+    }
+
+    /// Skin and fascia on a shape of the fine reference mesh.
+    pub(crate) fn layers(
+        &self,
+        reference: &ReferenceHead,
+        fine: &[facile_core::Point3],
+    ) -> Result<Layers, SimError> {
+        let normals = mesh::vertex_normals(fine, &reference.mesh.triangles);
+        let pick = |v: &u32| from_point(&fine[*v as usize]);
+        let skin: Vec<V3> = self.cage_of_node.iter().map(pick).collect();
+        let inward: Vec<V3> = self
+            .cage_of_node
+            .iter()
+            .map(|&v| scale(from_vector(&normals[v as usize]), -1.0))
+            .collect();
+        Layers::new(&self.triangles, skin, &inward, &self.thickness)
+    }
+}
+
+/// Faces with a free vertex and no passive one.
+fn simulated_faces(cage: &Cage) -> Vec<u32> {
+    let has = |face: &[u32], role: Role| face.iter().any(|&v| cage.roles[v as usize] == role);
+    (0..cage.faces.len() as u32)
+        .filter(|&f| {
+            let face = &cage.faces[f as usize];
+            has(face, Role::Free) && !has(face, Role::Passive)
+        })
+        .collect()
+}
+
+fn number_nodes(cage: &Cage, faces: &[u32]) -> (Vec<u32>, usize) {
+    let used: BTreeSet<u32> = faces
+        .iter()
+        .flat_map(|&f| cage.faces[f as usize].iter().copied())
+        .collect();
+    let is_free = |v: &u32| cage.roles[*v as usize] == Role::Free;
+    let mut nodes: Vec<u32> = used.iter().copied().filter(is_free).collect();
+    let free = nodes.len();
+    nodes.extend(used.iter().copied().filter(|v| !is_free(v)));
+    (nodes, free)
+}
+
+/// Triangles of the simulated faces. A quad is cut along its shorter diagonal; a quad on the right as its mirror image.
+fn split_quads(
+    cage: &Cage,
+    faces: &[u32],
+    positions: &[V3],
+    node_of_cage: &[Option<u32>],
+) -> Vec<[u32; 3]> {
+    let diagonal = |a: u32, b: u32| norm(sub(positions[a as usize], positions[b as usize]));
+    let mut cuts: BTreeMap<Vec<u32>, (u32, u32)> = BTreeMap::new();
+    let sorted = |face: &mut dyn Iterator<Item = u32>| {
+        let mut key: Vec<u32> = face.collect();
+        key.sort_unstable();
+        key
+    };
+    let mirrored = |v: u32| cage.mirror[v as usize];
+    for &f in faces {
+        if let [a, b, c, d] = cage.faces[f as usize][..] {
+            let cut = if diagonal(a, c) <= diagonal(b, d) {
+                (a, c)
+            } else {
+                (b, d)
+            };
+            let face = [a, b, c, d];
+            let x: f64 = face.iter().map(|&v| positions[v as usize][0]).sum();
+            if x >= 0.0 {
+                cuts.insert(sorted(&mut face.iter().copied()), cut);
+                cuts.insert(
+                    sorted(&mut face.iter().map(|&v| mirrored(v))),
+                    (mirrored(cut.0), mirrored(cut.1)),
+                );
+            } else {
+                cuts.entry(sorted(&mut face.iter().copied())).or_insert(cut);
+            }
+        }
+    }
+    let mut triangles = Vec::new();
+    for &f in faces {
+        let face = &cage.faces[f as usize];
+        let start = match cuts.get(&sorted(&mut face.iter().copied())) {
+            Some(cut) => face.iter().position(|&v| v == cut.0).unwrap_or(0),
+            None => 0,
+        };
+        let corner = |k: usize| face[(start + k) % face.len()];
+        for k in 1..face.len() - 1 {
+            let t = [corner(0), corner(k), corner(k + 1)].map(|v| node_of_cage[v as usize]);
+            if let [Some(a), Some(b), Some(c)] = t {
+                triangles.push([a, b, c]);
+            }
+        }
+    }
+    triangles
+}
+
+fn edges_of(triangles: &[[u32; 3]]) -> Vec<[u32; 2]> {
+    let set: BTreeSet<[u32; 2]> = triangles
+        .iter()
+        .flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]])
+        .map(|[a, b]| [a.min(b), a.max(b)])
+        .collect();
+    set.into_iter().collect()
+}
+
+/// Finds the rims of lids and lips: free vertices next to passive ones, near an eye or not.
+fn margins(cage: &Cage, positions: &[V3], eyes: [V3; 2], node_of_cage: &[Option<u32>]) -> Margins {
+    let mut around = vec![BTreeSet::new(); positions.len()];
+    for face in &cage.faces {
+        for (k, &v) in face.iter().enumerate() {
+            let w = face[(k + 1) % face.len()];
+            around[v as usize].insert(w);
+            around[w as usize].insert(v);
+        }
+    }
+    let passive = |v: u32| cage.roles[v as usize] == Role::Passive;
+    let near = |v: usize, e: usize| norm(sub(positions[v], eyes[e])) < 30.0;
+    let mut out = Margins::default();
+    let mut ring: [BTreeSet<u32>; 2] = Default::default();
+    for v in 0..positions.len() {
+        if cage.roles[v] == Role::Free && around[v].iter().any(|&w| passive(w)) {
+            match (near(v, 0), near(v, 1)) {
+                (true, _) => drop(ring[0].insert(v as u32)),
+                (_, true) => drop(ring[1].insert(v as u32)),
+                _ => out.lips.extend(node_of_cage[v]),
+            }
+        }
+    }
+    for (e, mut current) in ring.into_iter().enumerate() {
+        let mut seen = current.clone();
+        for _ in 0..3 {
+            out.lids[e].extend(&current);
+            let next: BTreeSet<u32> = current
+                .iter()
+                .flat_map(|&v| around[v as usize].iter().copied())
+                .filter(|&w| !passive(w) && !seen.contains(&w))
+                .collect();
+            seen.extend(&next);
+            current = next;
+        }
+    }
+    out
+}
