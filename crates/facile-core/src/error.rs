@@ -57,3 +57,18 @@ pub enum CoreError {
         known: String,
     },
 }
+
+impl CoreError {
+    /// A file that does not follow its format.
+    pub(crate) fn format(
+        path: &std::path::Path,
+        place: Option<String>,
+        reason: impl Into<String>,
+    ) -> Self {
+        Self::Format {
+            path: path.to_owned(),
+            place,
+            reason: reason.into(),
+        }
+    }
+}

@@ -37,6 +37,9 @@ pub fn point_from_cylinder(h: f64, phi: f64, r: f64) -> Point3 {
 /// Returns `None` if the points do not determine a similarity. Cost O(n).
 ///
 /// Source: Umeyama, Least-squares estimation of transformation parameters between two point patterns, 1991.
+///
+/// # Panics
+/// If the lists have different lengths.
 pub fn fit_similarity(
     source: &[Point3],
     target: &[Point3],

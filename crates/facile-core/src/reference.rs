@@ -116,6 +116,9 @@ struct SchemeToml {
 
 impl ReferenceHead {
     /// The head that ships with the program. Built once per process.
+    ///
+    /// # Panics
+    /// If the embedded files are damaged; a test reads them.
     pub fn embedded() -> &'static Self {
         static HEAD: OnceLock<ReferenceHead> = OnceLock::new();
         HEAD.get_or_init(|| {
@@ -149,6 +152,22 @@ impl ReferenceHead {
                     .collect::<Vec<_>>()
                     .join(", "),
             })
+    }
+
+    /// Digest of what ties a stored subject to this head: its triangles and texture coordinates, in hexadecimal.
+    pub fn topology_digest(&self) -> String {
+        let mut hasher = blake3::Hasher::new();
+        let mut add = |values: &mut dyn Iterator<Item = u32>| {
+            let bytes: Vec<u8> = values.flat_map(u32::to_le_bytes).collect();
+            hasher.update(&(bytes.len() as u64).to_le_bytes());
+            hasher.update(&bytes);
+        };
+        let mesh = &self.mesh;
+        add(&mut std::iter::once(mesh.positions.len() as u32));
+        add(&mut mesh.triangles.as_flattened().iter().copied());
+        add(&mut mesh.texcoord_triangles.as_flattened().iter().copied());
+        add(&mut mesh.texcoords.as_flattened().iter().map(|v| v.to_bits()));
+        hasher.finalize().to_hex().to_string()
     }
 
     fn from_files(files: &Files) -> Result<Self, CoreError> {

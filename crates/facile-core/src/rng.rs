@@ -1,4 +1,4 @@
-//! Counter-based random numbers: one ChaCha8 stream per sample, distributions of our own on `libm`.
+//! Counter-based random numbers: one `ChaCha8` stream per sample, distributions of our own on `libm`.
 //!
 //! Value-stable by construction: the stream is fixed by `(seed, stream)` and the distributions below are part of the
 //! promise "same recipe, same bytes".

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Mesh, Point3, ReferenceHead, Similarity3, Texture};
+use crate::{Mesh, Point3, ReferenceHead, Segment, Similarity3, Texture, UnitQuaternion};
 
 /// What is known of a person besides shape and colour.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -62,5 +62,35 @@ impl Subject {
             positions: self.positions.clone(),
             ..reference.mesh.clone()
         }
+    }
+
+    /// Where a rigid part of the neutral head lies, from its place in the reference head: an eyeball turns about the
+    /// subject's own eye centre and has its own size, teeth and tongue follow the skull.
+    pub fn part_from_reference(&self, part: Segment, reference: &ReferenceHead) -> Similarity3 {
+        let side = match part {
+            Segment::LeftEye | Segment::LeftIris => 0,
+            Segment::RightEye | Segment::RightIris => 1,
+            _ => return self.skull_from_reference,
+        };
+        let (own, mean) = (&self.eyes[side], &reference.eyes[side]);
+        let scale = own.radius / mean.radius;
+        let shift = own.center.coords - mean.center.coords * scale;
+        Similarity3::from_parts(shift.into(), UnitQuaternion::identity(), scale)
+    }
+
+    /// The rigid parts of the neutral head in their places, with the names of their classes.
+    pub fn part_meshes(&self, reference: &ReferenceHead) -> Vec<(&'static str, Mesh)> {
+        reference
+            .parts
+            .iter()
+            .map(|part| {
+                let place = self.part_from_reference(part.segment, reference);
+                let mut mesh = part.mesh.clone();
+                for position in &mut mesh.positions {
+                    *position = place * *position;
+                }
+                (part.segment.name(), mesh)
+            })
+            .collect()
     }
 }

@@ -97,8 +97,10 @@ mod tests {
     #[test]
     fn the_lower_left_corner_is_the_origin() {
         let texture = Texture::new(2, 2, vec![[0; 3], [0; 3], [255, 0, 0], [0; 3]]);
-        assert_eq!(texture.sample([0.25, 0.25]), [1.0, 0.0, 0.0]);
-        assert_eq!(texture.sample([-3.0, -3.0]), [1.0, 0.0, 0.0]);
+        for uv in [[0.25, 0.25], [-3.0, -3.0]] {
+            let [r, g, b] = texture.sample(uv);
+            assert!((r - 1.0).abs() < 1e-6 && g.abs() + b.abs() < 1e-6);
+        }
         let middle = texture.sample([0.5, 0.5]);
         assert!((middle[0] - 0.25).abs() < 1e-6);
     }
