@@ -125,23 +125,46 @@ def jaw_weight(crop: Crop, regions: Regions, seg: np.ndarray, v: np.ndarray) -> 
     return np.clip(weight, 0, 1)
 
 
-def lid_weight(regions: Regions, v: np.ndarray, eyes: np.ndarray) -> np.ndarray:
-    """Weight of the tarsal plate's motion, -1 to 1: margin 1, fading out over the rings up to the crease."""
+def lid_weight(regions: Regions, v: np.ndarray, eyes: np.ndarray) -> tuple[np.ndarray, float]:
+    """Weight of the tarsal plate's motion, -1 to 1: largest at the margins, fading out over the rings up to the crease.
+
+    Along the margin the weight follows the opening between the lids, as an angle about the eye's axis from side to side:
+    turning every vertex by weight times one angle per lid closes the whole slit at once, corners included. The second
+    value is that angle, summed over upper and lower lid, radians.
+    """
     out = np.zeros(len(v))
+    opening = 0.0
     ring = regions.eye_ring
     fade = np.interp(ring, [0, 3, 4, 5, 6, 7, 8, 9, 10, 11], [1, 1, 0.97, 0.88, 0.72, 0.5, 0.28, 0.12, 0.03, 0])
     for centre, sign in ((eyes[0], 1.0), (eyes[1], -1.0)):
-        margin = np.flatnonzero((ring == 1) & (v[:, 0] * sign > 0))
+        side = v[:, 0] * sign > 0
+        margin = np.flatnonzero((ring == 2) & side)
         p = v[margin]
         inner, outer = p[np.argmin(p[:, 0] * sign)], p[np.argmax(p[:, 0] * sign)]
-        mine = (ring < 12) & (v[:, 0] * sign > 0)
-        t = (v[mine, 0] - inner[0]) / (outer[0] - inner[0])
-        line = inner[1] + t * (outer[1] - inner[1])
-        dy = v[mine, 1] - line
-        width = np.clip(1 - (2 * np.clip(t, 0, 1) - 1) ** 2, 0, 1) ** 0.6
-        amount = np.clip(dy / 1.2, -1, 1) * width
+
+        def along(q: np.ndarray) -> np.ndarray:
+            return (q[:, 0] - inner[0]) / (outer[0] - inner[0])
+
+        def above(q: np.ndarray) -> np.ndarray:
+            return q[:, 1] - (inner[1] + along(q) * (outer[1] - inner[1]))
+
+        angle = np.arctan2(p[:, 1] - centre[1], p[:, 2] - centre[2])
+        t = np.linspace(0, 1, 41)
+        curves = []
+        for pick in (above(p) > 0, above(p) <= 0):
+            pick |= np.isin(p[:, 0], (inner[0], outer[0]))
+            order = np.argsort(along(p[pick]))
+            curves.append(np.interp(t, along(p[pick])[order], angle[pick][order]))
+        gap = np.maximum(curves[0] - curves[1], 0.0)
+        # A little more than the opening, so that the closed lids overlap instead of leaving a hair's breadth.
+        gap = np.where((t > 0.02) & (t < 0.98), gap + 0.05 * gap.max(), gap)
+        opening = float(gap.max())
+        gap = np.convolve(np.pad(gap, 1), [0.25, 0.5, 0.25], "valid") / opening
+        mine = (ring < 12) & side
+        q = v[mine]
+        amount = np.clip(above(q) / 0.5, -1, 1) * np.interp(along(q), t, gap, left=0, right=0)
         out[mine] = amount * fade[mine]
-    return np.clip(mesh.smooth(out, regions.adjacent, (ring >= 12) | (ring <= 3), 2), -1, 1)
+    return np.clip(mesh.smooth(out, regions.adjacent, (ring >= 12) | (ring <= 3), 2), -1, 1), opening
 
 
 def thickness(crop: Crop, regions: Regions, seg: np.ndarray, v: np.ndarray) -> np.ndarray:

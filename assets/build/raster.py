@@ -45,11 +45,11 @@ def fill(xy: np.ndarray, depth: np.ndarray, width: int, height: int):
     return face, bary, z
 
 
-def bake_uv(uv_triangles: np.ndarray, size: int):
-    """Face index and barycentrics of every texel of a size x size texture (row 0 = top, v up)."""
+def bake_uv(uv_triangles: np.ndarray, size: int, depth: np.ndarray | None = None):
+    """Face index and barycentrics of every texel of a size x size texture (row 0 = top, v up); least `depth` wins."""
     xy = uv_triangles * size
     xy = np.stack([xy[..., 0], size - xy[..., 1]], axis=-1)
-    face, bary, _ = fill(xy, np.zeros(xy.shape[:2]), size, size)
+    face, bary, _ = fill(xy, np.zeros(xy.shape[:2]) if depth is None else depth, size, size)
     return face, bary
 
 

@@ -47,6 +47,12 @@ class Look:
     seed: int = 0
     extra: dict = field(default_factory=dict)
 
+    def eye_colours(self) -> tuple[str, ...]:
+        """Eye textures that suit."""
+        if self.ancestry != "caucasian" or self.hair == "black":
+            return ("brown",)
+        return ("blue", "green", "brown") if self.hair in ("blond", "dark_blond", "red", "white") else ("brown", "green", "blue")
+
 
 def load_base(look: Look, texels: Texels) -> np.ndarray:
     """The MakeHuman skin, enlarged with a Lanczos filter and resampled into the head UV; without a source, their mean."""
@@ -173,7 +179,10 @@ def paint_brows(image: np.ndarray, texels: Texels, look: Look, ref) -> np.ndarra
     """Brow hairs of a card, projected along the cylinder's rays, over a soft shade of the same shape."""
     card, (reach, high, step) = brow_card(ref, look.brow)
     u = (texels.phi + reach) * 90 / step / card.shape[1]
-    v = 1 - (high - texels.position[..., 1]) / step / card.shape[0]
+    # MakeHuman's cards frown: a tilt lifts their inner ends and lowers the outer ones.
+    along = np.clip((np.abs(texels.position[..., 0]) - 10.0) / 44.0, 0, 1)
+    tilt = look.extra.get("tilt", 1.6 if look.sex == "female" else 0.6)
+    v = 1 - (high - texels.position[..., 1] + tilt * (1 - 2 * along)) / step / card.shape[0]
     inside = (u > 0) & (u < 1) & (v > 0) & (v < 1) & (texels.position[..., 2] > 20)
     inside &= np.isin(texels.segment, [SEGMENTS[s] for s in ("skin", "left_brow", "right_brow", "nose", "left_eyelid",
                                                              "right_eyelid")])
