@@ -1,11 +1,13 @@
 //! The files in `assets/`, embedded so that the program runs from anywhere, or read from a folder of the same layout.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde::de::DeserializeOwned;
 
-use crate::{CoreError, Texture};
+use crate::CoreError;
+use crate::io::read_file;
 
 /// The raw files of a reference head.
 pub(crate) struct Files {
@@ -22,6 +24,12 @@ pub(crate) struct Files {
 macro_rules! embed {
     ($path:literal) => {
         include_bytes!(concat!(env!("CARGO_MANIFEST_DIR"), "/../../assets/", $path))
+    };
+}
+
+macro_rules! include_text {
+    ($path:literal) => {
+        include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../../assets/", $path))
     };
 }
 
@@ -52,10 +60,7 @@ impl Files {
     }
 
     pub(crate) fn read(dir: &Path) -> Result<Self, CoreError> {
-        let bytes = |name: &str| {
-            let path = dir.join(name);
-            std::fs::read(&path).map_err(|source| CoreError::Io { path, source })
-        };
+        let bytes = |name: &str| read_file(&dir.join(name));
         let text = |name: &str| bytes(name).map(|b| String::from_utf8_lossy(&b).into_owned());
         let mut eye_textures = BTreeMap::new();
         for color in EYE_COLORS {
@@ -74,6 +79,74 @@ impl Files {
     }
 }
 
+/// The raw files of an identity model.
+pub(crate) struct IdentityFiles {
+    pub(crate) identity_toml: String,
+    pub(crate) modes: Cow<'static, [u8]>,
+    /// Where skins are read from; the embedded ones if there is no folder.
+    dir: Option<PathBuf>,
+}
+
+impl IdentityFiles {
+    pub(crate) fn embedded() -> Self {
+        Self {
+            identity_toml: include_text!("identity/identity.toml").to_owned(),
+            modes: Cow::Borrowed(embed!("identity/modes.npy")),
+            dir: None,
+        }
+    }
+
+    pub(crate) fn read(dir: &Path) -> Result<Self, CoreError> {
+        let toml = read_file(&dir.join("identity.toml"))?;
+        Ok(Self {
+            identity_toml: String::from_utf8_lossy(&toml).into_owned(),
+            modes: read_file(&dir.join("modes.npy"))?.into(),
+            dir: Some(dir.to_owned()),
+        })
+    }
+
+    /// The JPEG of a skin, named as in `identity.toml`.
+    pub(crate) fn skin(&self, file: &str) -> Result<Cow<'static, [u8]>, CoreError> {
+        match &self.dir {
+            Some(dir) => Ok(read_file(&dir.join(file))?.into()),
+            None => SKIN_FILES
+                .iter()
+                .find(|(name, _)| *name == file)
+                .map(|(_, bytes)| Cow::Borrowed(*bytes))
+                .ok_or_else(|| CoreError::format(file.as_ref(), None, "is not embedded")),
+        }
+    }
+}
+
+/// A table of embedded files of one folder, by the name their list uses.
+macro_rules! embed_all {
+    ($($name:literal => $path:literal,)*) => { &[$(($name, embed!($path)),)*] };
+}
+
+/// Skins of the identity model.
+const SKIN_FILES: &[(&str, &[u8])] = embed_all! {
+    "skins/african_female_middle.jpg" => "identity/skins/african_female_middle.jpg",
+    "skins/african_female_old.jpg" => "identity/skins/african_female_old.jpg",
+    "skins/african_female_young.jpg" => "identity/skins/african_female_young.jpg",
+    "skins/african_male_middle.jpg" => "identity/skins/african_male_middle.jpg",
+    "skins/african_male_old.jpg" => "identity/skins/african_male_old.jpg",
+    "skins/african_male_young.jpg" => "identity/skins/african_male_young.jpg",
+    "skins/asian_female_middle.jpg" => "identity/skins/asian_female_middle.jpg",
+    "skins/asian_female_old.jpg" => "identity/skins/asian_female_old.jpg",
+    "skins/asian_female_young.jpg" => "identity/skins/asian_female_young.jpg",
+    "skins/asian_male_middle.jpg" => "identity/skins/asian_male_middle.jpg",
+    "skins/asian_male_old.jpg" => "identity/skins/asian_male_old.jpg",
+    "skins/asian_male_young.jpg" => "identity/skins/asian_male_young.jpg",
+    "skins/caucasian_female_middle.jpg" => "identity/skins/caucasian_female_middle.jpg",
+    "skins/caucasian_female_old.jpg" => "identity/skins/caucasian_female_old.jpg",
+    "skins/caucasian_female_young.jpg" => "identity/skins/caucasian_female_young.jpg",
+    "skins/caucasian_female_young2.jpg" => "identity/skins/caucasian_female_young2.jpg",
+    "skins/caucasian_male_middle.jpg" => "identity/skins/caucasian_male_middle.jpg",
+    "skins/caucasian_male_old.jpg" => "identity/skins/caucasian_male_old.jpg",
+    "skins/caucasian_male_young.jpg" => "identity/skins/caucasian_male_young.jpg",
+    "skins/caucasian_male_young2.jpg" => "identity/skins/caucasian_male_young2.jpg",
+};
+
 /// Parses TOML; `name` is the file in errors.
 pub(crate) fn parse_toml<T: DeserializeOwned>(text: &str, name: &str) -> Result<T, CoreError> {
     toml::from_str(text).map_err(|e| CoreError::Format {
@@ -81,29 +154,4 @@ pub(crate) fn parse_toml<T: DeserializeOwned>(text: &str, name: &str) -> Result<
         place: None,
         reason: e.to_string(),
     })
-}
-
-/// Decodes a PNG, JPEG, BMP or WebP; `name` is the file in errors.
-pub(crate) fn decode_texture(bytes: &[u8], name: &str) -> Result<Texture, CoreError> {
-    let bad = |e: image::ImageError| CoreError::Format {
-        path: name.into(),
-        place: None,
-        reason: e.to_string(),
-    };
-    let image = image::load_from_memory(bytes).map_err(bad)?.into_rgb8();
-    let (width, height) = (image.width() as usize, image.height() as usize);
-    let texels: Vec<[u8; 3]> = image
-        .as_raw()
-        .chunks_exact(3)
-        .map(|t| [t[0], t[1], t[2]])
-        .collect();
-    if texels.is_empty() {
-        let reason = "the image has no pixels".to_owned();
-        return Err(CoreError::Format {
-            path: name.into(),
-            place: None,
-            reason,
-        });
-    }
-    Ok(Texture::new(width, height, texels))
 }

@@ -6,6 +6,7 @@
 
 pub mod color;
 pub mod grid;
+pub mod identity;
 pub mod io;
 pub mod landmarks;
 pub mod math;
@@ -19,9 +20,11 @@ pub mod texture;
 
 mod assets;
 mod error;
+mod identity_sample;
 
 pub use error::CoreError;
 pub use grid::Plane;
+pub use identity::{IdentityModel, IdentityShape};
 pub use landmarks::{LandmarkScheme, SurfacePoint};
 pub use math::{Isometry3, Matrix3, Point3, Similarity3, UnitQuaternion, Vector2, Vector3};
 pub use mesh::Mesh;

@@ -11,6 +11,7 @@ use std::sync::OnceLock;
 use serde::Deserialize;
 
 use crate::assets::{self, Files};
+use crate::io::decode_texture;
 use crate::io::obj::{NO_TEXCOORD, ObjFile};
 use crate::subdivision::{Subdivision, catmull_clark};
 use crate::{CoreError, Eye, LandmarkScheme, Mesh, Point3, Segment, SurfacePoint, Texture};
@@ -189,16 +190,16 @@ impl ReferenceHead {
             .collect::<Result<_, CoreError>>()?;
         let mut eye_textures = BTreeMap::new();
         for (name, bytes) in &files.eye_textures {
-            eye_textures.insert(name.clone(), assets::decode_texture(bytes, name)?);
+            eye_textures.insert(name.clone(), decode_texture(bytes, name.as_ref())?);
         }
         Ok(Self {
             parts: read_parts(&files.parts_obj)?,
             eyes: [head.eyes.left, head.eyes.right],
             jaw: head.jaw,
             landmarks,
-            texture: assets::decode_texture(&files.skin, "skin.jpg")?,
+            texture: decode_texture(&files.skin, Path::new("skin.jpg"))?,
             eye_textures,
-            mouth_texture: assets::decode_texture(&files.mouth, "mouth.png")?,
+            mouth_texture: decode_texture(&files.mouth, Path::new("mouth.png"))?,
             cage,
             subdivision,
             mesh,

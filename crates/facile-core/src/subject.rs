@@ -17,6 +17,12 @@ pub struct Attributes {
     /// Age in years, or the source's age group.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub age: Option<String>,
+    /// Colour of the irises, as the source names it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub eye_color: Option<String>,
+    /// Colour of the hair, as the source names it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub hair: Option<String>,
     /// Where the data comes from.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub source: Option<String>,
