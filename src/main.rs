@@ -1,2 +1,7 @@
-//! Facile.
-fn main() {}
+//! The `facile` program; see `facile --help`.
+
+mod cli;
+
+fn main() -> std::process::ExitCode {
+    cli::main()
+}

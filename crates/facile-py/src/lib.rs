@@ -1,1 +1,25 @@
-//! Facile.
+//! Python bindings: convert, one call, convert. No algorithm, default value or unit conversion lives here.
+//!
+//! The Python side is `python/facile/__init__.pyi`; every heavy call goes through [`errors::heavy`].
+
+use pyo3::prelude::*;
+
+mod convert;
+mod errors;
+mod pipeline;
+mod subject;
+
+#[pymodule]
+mod _facile {
+    #[pymodule_export]
+    use super::errors::{
+        CoreError, FacileError, FlowError, PipelineError, RecipeError, SimError, TraceError,
+    };
+    #[pymodule_export]
+    use super::pipeline::{Dataset, generate, render, render_scene, schema};
+    #[pymodule_export]
+    use super::subject::{Face, Subject};
+    #[pymodule_export]
+    #[expect(non_upper_case_globals, reason = "the name that Python packages give their version")]
+    const __version__: &str = env!("CARGO_PKG_VERSION");
+}

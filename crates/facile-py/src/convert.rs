@@ -1,0 +1,56 @@
+//! Between Python's values and ours.
+
+use facile::core::{Plane, Point3};
+use numpy::{IntoPyArray as _, PyArray2, PyArray3, PyArrayMethods as _};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+/// A list of points as an `(n, 3)` array.
+pub(crate) fn points<'py>(py: Python<'py>, points: &[Point3]) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let flat: Vec<f64> = points.iter().flat_map(|p| [p.x, p.y, p.z]).collect();
+    flat.into_pyarray(py).reshape([points.len(), 3])
+}
+
+/// Triangles as an `(m, 3)` array.
+pub(crate) fn triangles<'py>(
+    py: Python<'py>,
+    triangles: &[[u32; 3]],
+) -> PyResult<Bound<'py, PyArray2<u32>>> {
+    triangles.as_flattened().to_vec().into_pyarray(py).reshape([triangles.len(), 3])
+}
+
+/// A plane as an `(h, w)` array.
+pub(crate) fn plane<'py, T: numpy::Element + Clone>(
+    py: Python<'py>,
+    plane: &Plane<T>,
+) -> PyResult<Bound<'py, PyArray2<T>>> {
+    let shape = [plane.height(), plane.width()];
+    plane.as_slice().to_vec().into_pyarray(py).reshape(shape)
+}
+
+/// A plane of triples as an `(h, w, 3)` array.
+pub(crate) fn plane3<'py, T: numpy::Element + Copy>(
+    py: Python<'py>,
+    plane: &Plane<[T; 3]>,
+) -> PyResult<Bound<'py, PyArray3<T>>> {
+    let shape = [plane.height(), plane.width(), 3];
+    plane.as_slice().as_flattened().to_vec().into_pyarray(py).reshape(shape)
+}
+
+/// JSON text as Python values.
+pub(crate) fn from_json<'py>(py: Python<'py>, text: &str) -> PyResult<Bound<'py, PyAny>> {
+    py.import("json")?.call_method1("loads", (text,))
+}
+
+/// Python values as JSON text; `None` stays absent.
+pub(crate) fn to_json(value: &Bound<'_, PyAny>) -> PyResult<serde_json::Value> {
+    let mapping = PyDict::new(value.py());
+    mapping.set_item("default", value.py().import("builtins")?.getattr("dict")?)?;
+    let text: String = value
+        .py()
+        .import("json")?
+        .call_method("dumps", (value,), Some(&mapping))?
+        .extract()?;
+    serde_json::from_str(&text)
+        .map_err(|e| pyo3::exceptions::PyValueError::new_err(e.to_string()))
+}

@@ -1,0 +1,208 @@
+//! Datasets from Python: `generate`, `Dataset`, `render`.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::PoisonError;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+
+use facile::generate::{Options, Watch};
+use facile::pipeline::{Sample, SampleCache};
+use facile::Recipe;
+use pyo3::exceptions::PyIndexError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::convert::{from_json, plane, plane3, to_json};
+use crate::errors::{exception, heavy};
+use crate::subject::Subject;
+
+/// A recipe from a path or a mapping.
+fn recipe(value: &Bound<'_, PyAny>) -> PyResult<Recipe> {
+    let loaded = match value.extract::<PathBuf>() {
+        Ok(path) => Recipe::load(&path),
+        Err(_) => Recipe::from_json(&to_json(value)?, Path::new("")),
+    };
+    loaded.map_err(|e| exception(&e))
+}
+
+/// A sample as a dictionary of arrays.
+fn sample_dict<'py>(py: Python<'py>, sample: &Sample) -> PyResult<Bound<'py, PyDict>> {
+    let dict = PyDict::new(py);
+    dict.set_item("image", plane3(py, &sample.image)?)?;
+    dict.set_item("record", from_json(py, &sample.record.to_json())?)?;
+    let maps = &sample.maps;
+    for (name, map) in [
+        ("segments", &maps.segments),
+        ("visibility", &maps.visibility),
+        ("occlusion", &maps.occlusion),
+    ] {
+        if let Some(map) = map {
+            dict.set_item(name, plane(py, map)?)?;
+        }
+    }
+    if let Some(map) = &maps.depth_z {
+        dict.set_item("depth_mm", plane(py, map)?)?;
+    }
+    if let Some(map) = &maps.normals {
+        dict.set_item("normals", plane3(py, map)?)?;
+    }
+    Ok(dict)
+}
+
+/// The samples of a recipe, made on demand and without files.
+#[pyclass(frozen, module = "facile")]
+pub(crate) struct Dataset {
+    samples: Mutex<SampleCache>,
+    len: u64,
+    name: String,
+    recipe_hash: String,
+}
+
+#[pymethods]
+impl Dataset {
+    #[new]
+    fn new(py: Python<'_>, recipe: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let recipe = self::recipe(recipe)?;
+        let name = recipe.name.clone();
+        let samples = heavy(py, |_| SampleCache::new(recipe), |_| Ok(()))?;
+        Ok(Self {
+            len: samples.len(),
+            name,
+            recipe_hash: samples.pipeline().recipe_hash().to_owned(),
+            samples: Mutex::new(samples),
+        })
+    }
+
+    fn __len__(&self) -> usize {
+        self.len as usize
+    }
+
+    fn __getitem__<'py>(&self, py: Python<'py>, index: i64) -> PyResult<Bound<'py, PyDict>> {
+        let len = self.len as i64;
+        let i = if index < 0 { index + len } else { index };
+        if !(0..len).contains(&i) {
+            let message = format!("sample {index} is out of range: the dataset has {len}");
+            return Err(PyIndexError::new_err(message));
+        }
+        let make = |_: &AtomicBool| {
+            let mut samples = self.samples.lock().unwrap_or_else(PoisonError::into_inner);
+            samples.sample(i as u64)
+        };
+        let sample = heavy(py, make, |_| Ok(()))?;
+        sample_dict(py, &sample)
+    }
+
+    #[getter]
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    #[getter]
+    fn recipe_hash(&self) -> &str {
+        &self.recipe_hash
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Dataset('{}', {} samples)", self.name, self.len)
+    }
+}
+
+/// Counts progress for Python to look at.
+struct Counter<'a> {
+    done: &'a AtomicU64,
+    total: &'a AtomicU64,
+    stop: &'a AtomicBool,
+}
+
+impl Watch for Counter<'_> {
+    fn begin(&self, total: u64, done: u64) {
+        self.total.store(total, Ordering::Relaxed);
+        self.done.store(done, Ordering::Relaxed);
+    }
+
+    fn advance(&self, samples: u64) {
+        self.done.fetch_add(samples, Ordering::Relaxed);
+    }
+
+    fn stops(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+}
+
+/// Generates a dataset, or what is missing of it.
+#[pyfunction]
+#[pyo3(signature = (recipe, *, output=None, jobs=None, limit=None, overwrite=false, progress=None))]
+pub(crate) fn generate<'py>(
+    py: Python<'py>,
+    recipe: &Bound<'py, PyAny>,
+    output: Option<PathBuf>,
+    jobs: Option<usize>,
+    limit: Option<u64>,
+    overwrite: bool,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Bound<'py, PyAny>> {
+    let recipe = self::recipe(recipe)?;
+    let options = Options {
+        output,
+        jobs,
+        limit,
+        overwrite,
+    };
+    let (done, total) = (AtomicU64::new(0), AtomicU64::new(0));
+    let run = |stop: &AtomicBool| {
+        let (done, total) = (&done, &total);
+        facile::generate::generate(&recipe, &options, &Counter { done, total, stop })
+    };
+    let tell = |py: Python<'_>| match &progress {
+        Some(f) => {
+            let counts = (done.load(Ordering::Relaxed), total.load(Ordering::Relaxed));
+            f.call1(py, counts).map(drop)
+        }
+        None => Ok(()),
+    };
+    let summary = heavy(py, run, tell)?;
+    from_json(py, &summary.to_json())
+}
+
+/// Renders one image of a subject.
+#[pyfunction]
+#[pyo3(signature = (subject, *, expression=None, light=None, view=None, occluder=None, image=None))]
+pub(crate) fn render<'py>(
+    py: Python<'py>,
+    subject: &Subject,
+    expression: Option<&Bound<'py, PyAny>>,
+    light: Option<&Bound<'py, PyAny>>,
+    view: Option<&Bound<'py, PyAny>>,
+    occluder: Option<&Bound<'py, PyAny>>,
+    image: Option<&Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let mut tables = BTreeMap::new();
+    for (name, table) in [
+        ("expression", expression),
+        ("light", light),
+        ("view", view),
+        ("occluder", occluder),
+        ("image", image),
+    ] {
+        if let Some(table) = table {
+            tables.insert(name, to_json(table)?);
+        }
+    }
+    let subject = subject.subject();
+    let sample = heavy(py, |_| facile::pipeline::render_subject(subject, &tables), |_| Ok(()))?;
+    sample_dict(py, &sample)
+}
+
+/// Renders a scene file.
+#[pyfunction]
+pub(crate) fn render_scene<'py>(py: Python<'py>, path: PathBuf) -> PyResult<Bound<'py, PyDict>> {
+    let _ = (py, path);
+    todo!()
+}
+
+/// The JSON Schema of the recipe.
+#[pyfunction]
+pub(crate) fn schema(py: Python<'_>) -> PyResult<Bound<'_, PyAny>> {
+    from_json(py, &facile::recipe::schema().to_string())
+}

@@ -1,0 +1,180 @@
+//! `facile gen`
+
+use std::path::PathBuf;
+use std::sync::Mutex;
+use std::sync::PoisonError;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+use facile::generate::{Options, Summary, Watch, generate};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+use super::{DONE, FAILED, INTERRUPTED, RecipeArgument, Refused, output};
+
+/// Time between two lines of progress where there is no terminal.
+const LINE_INTERVAL: Duration = Duration::from_secs(10);
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    #[command(flatten)]
+    recipe: RecipeArgument,
+    /// Folder to write instead of the recipe's.
+    #[arg(short, long, value_name = "DIR")]
+    output: Option<PathBuf>,
+    /// Number of threads; every processor if not given.
+    #[arg(short, long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    jobs: Option<u16>,
+    /// Only the first N samples.
+    #[arg(long, value_name = "N")]
+    limit: Option<u64>,
+    /// Replace the dataset of another recipe that the folder holds.
+    #[arg(long)]
+    overwrite: bool,
+    /// Say nothing but errors.
+    #[arg(short, long)]
+    quiet: bool,
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<u8> {
+    let recipe = arguments.recipe.load()?;
+    let options = Options {
+        output: arguments.output.clone(),
+        jobs: arguments.jobs.map(usize::from),
+        limit: arguments.limit,
+        overwrite: arguments.overwrite,
+    };
+    let folder = options.output.as_ref().unwrap_or(&recipe.output);
+    if let Err(e) = std::fs::create_dir_all(folder) {
+        return Err(Refused(format!("{}: {e}", folder.display())).into());
+    }
+    stop_on_ctrl_c()?;
+    let progress = Progress::new(arguments.quiet);
+    let summary = generate(&recipe, &options, &progress)?;
+    progress.bar.finish_and_clear();
+    Ok(report(&summary, arguments.quiet, progress.begun.elapsed()))
+}
+
+fn report(summary: &Summary, quiet: bool, time: Duration) -> u8 {
+    let failed: u64 = summary.failures.iter().map(|f| f.samples).sum();
+    for failure in &summary.failures {
+        let what = match &failure.expression {
+            Some(expression) => format!("{}, {expression}", failure.subject),
+            None => failure.subject.clone(),
+        };
+        let Failure { samples, reason, .. } = failure;
+        output::note(&format!("failed: {what} ({samples} samples): {reason}"));
+    }
+    if !quiet {
+        let rate = summary.made as f64 / time.as_secs_f64().max(1e-3);
+        let kept = match summary.kept {
+            0 => String::new(),
+            n => format!(", {n} were there"),
+        };
+        output::note(&format!(
+            "{} of {} samples in {}: {} made in {:.1} s ({rate:.1}/s){kept}",
+            summary.made + summary.kept,
+            summary.samples,
+            summary.output.display(),
+            summary.made,
+            time.as_secs_f64(),
+        ));
+    }
+    if summary.interrupted {
+        output::note(&"stopped; run the same command again to go on");
+        INTERRUPTED
+    } else if failed > 0 {
+        FAILED
+    } else {
+        DONE
+    }
+}
+
+use facile::write::Failure;
+
+static STOP: AtomicBool = AtomicBool::new(false);
+
+/// The first Ctrl-C lets the groups in hand finish, the second ends the process at once; both can be resumed.
+fn stop_on_ctrl_c() -> anyhow::Result<()> {
+    ctrlc::set_handler(|| {
+        if STOP.swap(true, Ordering::Relaxed) {
+            std::process::exit(i32::from(INTERRUPTED));
+        }
+        output::note(&"\nfinishing the samples in hand; Ctrl-C again stops at once");
+    })?;
+    Ok(())
+}
+
+/// Progress as a bar on a terminal and as lines elsewhere.
+struct Progress {
+    bar: ProgressBar,
+    quiet: bool,
+    begun: Instant,
+    done: AtomicU64,
+    total: AtomicU64,
+    last_line: Mutex<Instant>,
+}
+
+impl Progress {
+    fn new(quiet: bool) -> Self {
+        let target = if quiet {
+            ProgressDrawTarget::hidden()
+        } else {
+            ProgressDrawTarget::stderr_with_hz(8)
+        };
+        Self {
+            bar: ProgressBar::with_draw_target(None, target),
+            quiet,
+            begun: Instant::now(),
+            done: AtomicU64::new(0),
+            total: AtomicU64::new(0),
+            last_line: Mutex::new(Instant::now()),
+        }
+    }
+
+    fn is_plain(&self) -> bool {
+        !self.quiet && self.bar.is_hidden()
+    }
+}
+
+impl Watch for Progress {
+    fn begin(&self, total: u64, done: u64) {
+        self.total.store(total, Ordering::Relaxed);
+        self.done.store(done, Ordering::Relaxed);
+        let style = "{wide_bar} {human_pos}/{human_len} images, {per_sec}, {eta} left";
+        if let Ok(style) = ProgressStyle::with_template(style) {
+            self.bar.set_style(style);
+        }
+        self.bar.set_length(total);
+        self.bar.set_position(done);
+        self.bar.reset_eta();
+        if self.is_plain() {
+            output::note(&format!("{total} images, {done} are there already"));
+        }
+    }
+
+    fn advance(&self, samples: u64) {
+        self.bar.inc(samples);
+        let done = self.done.fetch_add(samples, Ordering::Relaxed) + samples;
+        if !self.is_plain() {
+            return;
+        }
+        let mut last = self.last_line.lock().unwrap_or_else(PoisonError::into_inner);
+        if last.elapsed() >= LINE_INTERVAL {
+            *last = Instant::now();
+            let total = self.total.load(Ordering::Relaxed);
+            let rate = done as f64 / self.begun.elapsed().as_secs_f64().max(1e-3);
+            let left = total.saturating_sub(done) as f64 / rate.max(1e-9);
+            output::note(&format!("{done}/{total} images, {rate:.1}/s, {left:.0} s left"));
+        }
+    }
+
+    fn notice(&self, message: &str) {
+        if !self.quiet {
+            self.bar.suspend(|| output::note(&message));
+        }
+    }
+
+    fn stops(&self) -> bool {
+        STOP.load(Ordering::Relaxed)
+    }
+}

@@ -1,0 +1,88 @@
+//! `facile pose`
+
+use std::path::PathBuf;
+
+use facile::core::ReferenceHead;
+use facile::pipeline::{PosedHead, Registrations, face_model};
+use facile::sim::{Expression, ExpressionSet, MuscleSet, Pose, SimError};
+
+use super::{DONE, output};
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// A scan, a subject that `facile register` wrote, or builtin:NAME.
+    subject: String,
+    /// Contraction from 0 to 1 of a muscle, of one side with .left or .right; may be repeated.
+    #[arg(long = "muscle", value_name = "NAME=C", value_parser = name_value)]
+    muscles: Vec<(String, f64)>,
+    /// Intensity from 0 to 1 of a FACS action unit; may be repeated.
+    #[arg(long = "au", value_name = "AU=I", value_parser = name_value)]
+    action_units: Vec<(String, f64)>,
+    /// A built-in expression; muscles, action units, jaw and gaze add to it.
+    #[arg(long, value_name = "NAME")]
+    expression: Option<String>,
+    /// Intensity from 0 to 1 of the whole.
+    #[arg(long, value_name = "I", default_value_t = 1.0)]
+    intensity: f64,
+    /// Opening of the jaw in degrees.
+    #[arg(long = "jaw", value_name = "DEG", default_value_t = 0.0)]
+    jaw_deg: f64,
+    /// Gaze in degrees: towards the subject's left, upwards.
+    #[arg(long = "gaze", value_name = "YAW,PITCH", value_delimiter = ',', num_args = 2, allow_negative_numbers = true)]
+    gaze_deg: Option<Vec<f64>>,
+    /// GLB to write.
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+    /// JSON report to write: pose, certificate, muscle lengths.
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
+}
+
+fn name_value(text: &str) -> Result<(String, f64), String> {
+    let (name, value) = text.split_once('=').ok_or("expected NAME=VALUE")?;
+    let value = value.parse().map_err(|e| format!("`{value}`: {e}"))?;
+    Ok((name.to_owned(), value))
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<u8> {
+    let pose = pose(arguments)?;
+    let registered = Registrations::new().named(&arguments.subject)?;
+    for notice in &registered.notices {
+        output::note(notice);
+    }
+    let (subject, reference) = (&registered.subject, ReferenceHead::embedded());
+    let posed = PosedHead::solve(&face_model(subject)?, &pose)?;
+    posed.save(&arguments.output, subject, reference)?;
+    if let Some(path) = &arguments.report {
+        let text = serde_json::to_string_pretty(&posed.report(subject))? + "\n";
+        facile::core::io::write_file(path, text.as_bytes())?;
+    }
+    let certificate = &posed.equilibrium.certificate;
+    output::note(&format!(
+        "{}: {} iterations, residual {:.1e}, penetration {:.3} mm, {} inverted elements",
+        arguments.output.display(),
+        certificate.iterations,
+        certificate.residual,
+        certificate.max_penetration_mm,
+        certificate.inverted_elements,
+    ));
+    Ok(DONE)
+}
+
+fn pose(arguments: &Arguments) -> Result<Pose, SimError> {
+    let muscles = MuscleSet::embedded();
+    let mut pose = Expression {
+        name: "command line".to_owned(),
+        muscles: arguments.muscles.iter().cloned().collect(),
+        action_units: arguments.action_units.iter().cloned().collect(),
+        jaw_deg: arguments.jaw_deg,
+        gaze_yaw_deg: arguments.gaze_deg.as_ref().map_or(0.0, |g| g[0]),
+        gaze_pitch_deg: arguments.gaze_deg.as_ref().map_or(0.0, |g| g[1]),
+        ..Expression::default()
+    }
+    .pose(muscles)?;
+    if let Some(name) = &arguments.expression {
+        pose = pose.combined(&ExpressionSet::embedded().get(name)?.pose(muscles)?);
+    }
+    Ok(pose.scaled(arguments.intensity))
+}

@@ -1,0 +1,49 @@
+//! `facile register`
+
+use std::path::PathBuf;
+
+use facile::core::ReferenceHead;
+use facile::pipeline::Registrations;
+
+use super::{DONE, output};
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// Scan of a neutral face, roughly upright and facing +z: OBJ, PLY, GLB or glTF, in mm, cm or m.
+    scan: PathBuf,
+    /// GLB to write: the reference topology in the scan's shape and texture.
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+    /// JSON report to write: pose, unit, coverage, distances.
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
+    /// Image to take as the scan's texture instead of what the file names.
+    #[arg(long, value_name = "FILE")]
+    texture: Option<PathBuf>,
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<u8> {
+    let texture = arguments.texture.as_deref();
+    let registered = Registrations::new().scan(&arguments.scan, texture)?;
+    for notice in &registered.notices {
+        output::note(notice);
+    }
+    registered
+        .subject
+        .save(&arguments.output, ReferenceHead::embedded())?;
+    if let Some(path) = &arguments.report {
+        let text = serde_json::to_string_pretty(&registered.report)? + "\n";
+        facile::core::io::write_file(path, text.as_bytes())?;
+    }
+    match &registered.report {
+        Some(r) => output::note(&format!(
+            "{}: {:.0} % of the face seen, {:.2} mm mean distance to the scan, {:.1} mm expected error",
+            arguments.output.display(),
+            100.0 * r.face_coverage,
+            r.surface_distance_mean_mm,
+            r.expected_error_mm,
+        )),
+        None => output::note(&format!("{}: was a subject already", arguments.scan.display())),
+    }
+    Ok(DONE)
+}

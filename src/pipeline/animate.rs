@@ -1,0 +1,62 @@
+//! From a subject and an expression to a deformed face (paper section 4).
+
+use facile_core::{Isometry3, Point3, UnitQuaternion, Vector3};
+use facile_sim::{Certificate, Solver, SolverParams};
+use facile_trace::head::Gaze;
+
+use super::{Person, Pipeline};
+use crate::Error;
+
+/// A face in an expression.
+#[derive(Clone, Debug)]
+pub struct Face {
+    /// Fine vertices, mm, head frame.
+    pub positions: Vec<Point3>,
+    /// Motion of what the jaw carries, from closed.
+    pub jaw: Isometry3,
+    /// Direction of the left and the right eye.
+    pub gaze: [Gaze; 2],
+    /// How well the equilibrium is met; `None` for the face at rest, which is not simulated.
+    pub certificate: Option<Certificate>,
+}
+
+impl Pipeline {
+    /// The face of `person` in expression number `expression` of the recipe.
+    ///
+    /// # Errors
+    /// [`Error::Sim`] if no equilibrium is found.
+    pub fn face(
+        &self,
+        person: &Person,
+        expression: usize,
+        solver: &mut Solver,
+    ) -> Result<Face, Error> {
+        let pose = &self.recipe().expressions[expression].pose;
+        let at_rest = || Face {
+            positions: person.subject.positions.clone(),
+            jaw: Isometry3::identity(),
+            gaze: [Gaze::default(); 2],
+            certificate: None,
+        };
+        // A neutral face is not simulated.
+        let Some(model) = person.model.as_ref().filter(|_| !pose.is_neutral()) else {
+            return Ok(at_rest());
+        };
+        let solved = solver.solve(model, pose, &SolverParams::default())?;
+        Ok(Face {
+            positions: solved.positions,
+            jaw: solved.jaw,
+            gaze: solved.eyes.map(|turn| gaze_of(&turn)),
+            certificate: Some(solved.certificate),
+        })
+    }
+}
+
+/// The direction in which an eyeball looks after a turn.
+fn gaze_of(turn: &UnitQuaternion) -> Gaze {
+    let sight = turn * Vector3::z();
+    Gaze {
+        yaw: libm::atan2(sight.x, sight.z),
+        pitch: libm::asin(sight.y.clamp(-1.0, 1.0)),
+    }
+}

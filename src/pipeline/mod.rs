@@ -1,0 +1,138 @@
+//! The stages that turn a recipe's sample into an image with its truth, one file each.
+//!
+//! [`Pipeline`] holds what all samples share and never changes: recipe, reference head, muscles, caches. `register`
+//! makes a [`Person`] of a subject's number, `animate` a [`Face`] of a person and an expression, `render` a scene and
+//! its views, `truth` the labels; [`Worker`] runs them in order and keeps what the next sample shares.
+
+mod animate;
+mod cache;
+mod pose;
+mod register;
+mod render;
+mod truth;
+mod worker;
+
+use std::collections::BTreeSet;
+
+use facile_core::{LandmarkScheme, Point3, ReferenceHead};
+use facile_sim::{FaceRig, MuscleSet};
+
+pub use animate::Face;
+pub use cache::CACHE_VARIABLE;
+pub use pose::{PosedHead, face_model};
+pub use register::{Person, Registered, Registrations};
+pub use truth::{Maps, ViewTruth};
+pub use worker::{Sample, Worker, render_subject};
+
+use crate::Error;
+use crate::recipe::Recipe;
+
+/// What all samples of a recipe share.
+#[derive(Debug)]
+pub struct Pipeline {
+    recipe: Recipe,
+    recipe_hash: String,
+    reference: &'static ReferenceHead,
+    /// What all faces that move share; `None` where every face of the recipe is at rest.
+    rig: Option<FaceRig>,
+    schemes: Vec<&'static LandmarkScheme>,
+    face_vertices: Vec<u32>,
+    registrations: Registrations,
+}
+
+impl Pipeline {
+    /// Prepares the samples of a recipe. Reads the scans once, to know their content.
+    ///
+    /// # Errors
+    /// [`Error::Core`] for a landmark scheme that is not there.
+    pub fn new(recipe: Recipe) -> Result<Self, Error> {
+        let reference = ReferenceHead::embedded();
+        let schemes = recipe
+            .image
+            .landmarks
+            .iter()
+            .map(|name| reference.scheme(name))
+            .collect::<Result<_, _>>()?;
+        let is_moved = recipe.expressions.iter().any(|e| !e.pose.is_neutral());
+        let rig = is_moved.then(|| FaceRig::new(reference, MuscleSet::embedded()));
+        Ok(Self {
+            recipe_hash: recipe_hash(&recipe),
+            reference,
+            rig: rig.transpose()?,
+            schemes,
+            face_vertices: face_vertices(reference),
+            registrations: Registrations::new(),
+            recipe,
+        })
+    }
+
+    /// The recipe.
+    pub fn recipe(&self) -> &Recipe {
+        &self.recipe
+    }
+
+    /// Hash of everything the dataset's bytes depend on: the recipe without its output folder, the scans' content, the
+    /// program's version. Hexadecimal.
+    pub fn recipe_hash(&self) -> &str {
+        &self.recipe_hash
+    }
+
+    /// The head that all subjects share their topology with.
+    pub fn reference(&self) -> &'static ReferenceHead {
+        self.reference
+    }
+
+    /// The muscles.
+    pub fn muscles(&self) -> &'static MuscleSet {
+        MuscleSet::embedded()
+    }
+
+    /// The landmark schemes that the recipe asks for.
+    pub fn schemes(&self) -> &[&'static LandmarkScheme] {
+        &self.schemes
+    }
+
+    /// Name and intensity of an expression, for messages.
+    pub fn expression_label(&self, expression: usize) -> String {
+        let expression = &self.recipe.expressions[expression];
+        format!("{} at {}", expression.name, expression.intensity)
+    }
+
+    /// Whether the registration of subject number `subject` is in the cache.
+    pub(crate) fn is_cached(&self, subject: u64) -> bool {
+        self.registrations.is_cached(&self.recipe.subjects.get(subject))
+    }
+
+    fn face_vertices(&self) -> &[u32] {
+        &self.face_vertices
+    }
+
+    fn mouth_is_open(&self, positions: &[Point3]) -> bool {
+        let _ = positions;
+        true
+    }
+}
+
+/// Fine vertices of the face, sorted.
+fn face_vertices(reference: &ReferenceHead) -> Vec<u32> {
+    let mesh = &reference.mesh;
+    let face = mesh
+        .triangles
+        .iter()
+        .zip(&mesh.segments)
+        .filter(|(_, segment)| truth::is_face(**segment))
+        .flat_map(|(triangle, _)| *triangle);
+    face.collect::<BTreeSet<u32>>().into_iter().collect()
+}
+
+fn recipe_hash(recipe: &Recipe) -> String {
+    let mut file = recipe.file.clone();
+    file.dataset.output.clear();
+    let mut hasher = blake3::Hasher::new();
+    let content = serde_json::to_vec(&file).expect("a recipe is plain JSON");
+    hasher.update(&content).update(env!("CARGO_PKG_VERSION").as_bytes());
+    for path in &recipe.subjects.scans {
+        register::hash_scan_files(path, &mut hasher);
+    }
+    hasher.finalize().to_hex()[..32].to_owned()
+}

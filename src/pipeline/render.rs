@@ -1,0 +1,148 @@
+//! From a deformed face to views of a scene (paper section 5).
+
+use facile_core::{Point3, Vector3};
+use facile_core::color::LINEAR_FROM_SRGB8;
+use facile_trace::math::Rgb;
+use facile_trace::occluder::FaceFit;
+use facile_trace::{Camera, HeadScene, RenderSettings, Truth as TraceTruth, View as TracedView};
+
+use super::{Face, Person, Pipeline};
+use crate::Error;
+use crate::recipe::file::Truth;
+use crate::recipe::{ImageSettings, Occluder, View};
+
+/// Linear light of an sRGB colour.
+fn linear(srgb: [u8; 3]) -> Rgb {
+    Rgb::from(srgb.map(|c| LINEAR_FROM_SRGB8[usize::from(c)]))
+}
+
+impl Pipeline {
+    /// The scene of a person's head at rest, without occluders.
+    ///
+    /// # Errors
+    /// [`Error::Trace`] for a subject that cannot be rendered.
+    pub fn head_scene(&self, person: &Person) -> Result<HeadScene, Error> {
+        let background = linear(self.recipe().image.background);
+        Ok(HeadScene::new(self.reference(), &person.subject, background)?)
+    }
+
+    /// Brings the head of a scene into an expression.
+    ///
+    /// # Errors
+    /// [`Error::Trace`] for positions that are not finite.
+    pub fn show_face(&self, scene: &mut HeadScene, face: &Face) -> Result<(), Error> {
+        scene.set_positions(&face.positions)?;
+        scene.set_gaze(face.gaze)?;
+        scene.set_jaw(&face.jaw)?;
+        scene.show_mouth(self.mouth_is_open(&face.positions));
+        Ok(())
+    }
+
+    /// Puts occluder number `occluder` of the recipe in front of the face.
+    ///
+    /// # Errors
+    /// [`Error::Trace`] if it does not fit.
+    pub fn add_occluder(&self, scene: &mut HeadScene, occluder: usize) -> Result<(), Error> {
+        fn fit<'a>(p: &Pipeline, scene: &'a HeadScene) -> Result<FaceFit<'a>, Error> {
+            Ok(FaceFit::new(p.reference(), scene)?)
+        }
+        let objects = match &self.recipe().occluders[occluder] {
+            Occluder::None => Vec::new(),
+            Occluder::Glasses(style) | Occluder::Sunglasses(style) => {
+                style.objects(&fit(self, scene)?)?.into()
+            }
+            Occluder::Cloth(drape) => vec![drape.object(&fit(self, scene)?)?],
+        };
+        for object in objects {
+            scene.scene.add(object);
+        }
+        Ok(())
+    }
+
+    /// Traces view number `view` of the recipe.
+    ///
+    /// # Errors
+    /// [`Error::Trace`] for an impossible camera.
+    pub fn trace(&self, scene: &HeadScene, view: usize) -> Result<TracedView, Error> {
+        let image = &self.recipe().image;
+        let camera = camera(&self.recipe().views[view], image)?;
+        let wants = |t| image.wants(t);
+        let settings = RenderSettings {
+            samples: image.samples,
+            truth: TraceTruth {
+                depth_z: wants(Truth::Depth),
+                normal_in_camera: wants(Truth::Normals),
+                segment: wants(Truth::Segments),
+                occlusion: wants(Truth::Occlusion) || wants(Truth::Visibility),
+                ..TraceTruth::default()
+            },
+            ..RenderSettings::default()
+        };
+        Ok(facile_trace::trace_view(&scene.scene, &camera, &settings)?)
+    }
+}
+
+/// The camera of a view: on a sphere around its target, turned about its own axis.
+fn camera(view: &View, image: &ImageSettings) -> Result<Camera, Error> {
+    let target = Point3::from(view.target);
+    let (yaw_sin, yaw_cos) = libm::sincos(view.yaw);
+    let (pitch_sin, pitch_cos) = libm::sincos(view.pitch);
+    let backward = Vector3::new(pitch_cos * yaw_sin, pitch_sin, pitch_cos * yaw_cos);
+    let right = Vector3::new(yaw_cos, 0.0, -yaw_sin);
+    let (roll_sin, roll_cos) = libm::sincos(view.roll);
+    // The camera turns clockwise for the head to turn counter-clockwise in its image.
+    let up = backward.cross(&right) * roll_cos + right * roll_sin;
+    let position = target + backward * view.distance;
+    let (width, height) = (image.width as usize, image.height as usize);
+    Ok(Camera::look_at(width, height, position, target, up, view.fov_y)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::HeadPose;
+    use approx::assert_relative_eq;
+
+    fn pose_of(yaw: f64, pitch: f64, roll: f64) -> HeadPose {
+        let view = View {
+            yaw: yaw.to_radians(),
+            pitch: pitch.to_radians(),
+            roll: roll.to_radians(),
+            fov_y: 0.3,
+            distance: 900.0,
+            target: [1.0, -20.0, 5.0],
+        };
+        let image = ImageSettings {
+            width: 64,
+            height: 48,
+            encoding: crate::recipe::file::Encoding::Png,
+            quality: 90,
+            truth: Vec::new(),
+            landmarks: Vec::new(),
+            samples: facile_trace::Samples::Count(1),
+            background: [0; 3],
+        };
+        let camera = camera(&view, &image).expect("possible");
+        let (px, depth) = camera.project(&Point3::new(1.0, -20.0, 5.0)).expect("in front");
+        assert_relative_eq!(px[0], 32.0, epsilon = 1e-9);
+        assert_relative_eq!(px[1], 24.0, epsilon = 1e-9);
+        assert_relative_eq!(depth, 900.0, epsilon = 1e-9);
+        HeadPose::of(camera.camera_from_world())
+    }
+
+    #[test]
+    fn the_head_turns_against_the_camera() {
+        let frontal = pose_of(0.0, 0.0, 0.0);
+        assert_eq!((frontal.yaw_deg, frontal.pitch_deg, frontal.roll_deg), (0.0, 0.0, 0.0));
+        // A camera on the subject's left sees the face look to the image's left, a camera above sees it look down.
+        let turned = pose_of(30.0, 20.0, 10.0);
+        assert_relative_eq!(turned.pitch_deg, -20.0, epsilon = 5.0);
+        assert!(turned.yaw_deg > 20.0 && turned.yaw_deg < 40.0);
+        for (yaw, pitch, roll) in [(25.0, 0.0, 0.0), (0.0, 35.0, 0.0), (0.0, 0.0, 15.0)] {
+            let pose = pose_of(yaw, pitch, roll);
+            assert_relative_eq!(pose.yaw_deg, yaw, epsilon = 1e-3);
+            assert_relative_eq!(pose.pitch_deg, -pitch, epsilon = 1e-3);
+            assert_relative_eq!(pose.roll_deg, roll, epsilon = 1e-3);
+        }
+    }
+}

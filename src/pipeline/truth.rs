@@ -1,0 +1,262 @@
+//! From a traced view to ground truth: landmarks, boxes, maps, and the record of a sample.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use facile_core::{LandmarkScheme, Plane, Point3, Segment};
+use facile_trace::{Camera, HeadScene, Layer, Occlusion, Ray, View as TracedView};
+
+use super::{Face, Person, Pipeline};
+use crate::plan::Factors;
+use crate::recipe::file::Truth;
+use crate::record::{
+    CameraRecord, ExpressionRecord, HeadPose, JawRecord, LandmarkRecord, LightRecord, MapRecord,
+    Record, SubjectRecord, rounded, rounded_point,
+};
+use crate::write::{image_name, map_name};
+
+/// A landmark is seen if nothing lies in front of it by more than this, mm: it sits on the surface itself, and the lips'
+/// and lids' rims curve away under it.
+const LANDMARK_TOLERANCE: f64 = 1.0;
+/// Finest depth of a 16-bit map, steps per mm; halved until the map reaches behind the head.
+const FINEST_DEPTH_STEPS_PER_MM: f64 = 64.0;
+/// Depth behind the head's origin that maps must reach, mm.
+const DEPTH_BEHIND: f64 = 400.0;
+
+/// The maps of a view. Row 0 is the top.
+#[derive(Clone, Debug, Default)]
+pub struct Maps {
+    /// Ids of [`Segment`]; 0 where nothing is.
+    pub segments: Option<Plane<u8>>,
+    /// Depth along the optical axis, mm; infinite where nothing is.
+    pub depth_z: Option<Plane<f32>>,
+    /// Steps of the 16-bit depth in files for each mm, a power of two.
+    pub depth_steps_per_mm: f64,
+    /// Unit normals in the camera's frame; zero where nothing is.
+    pub normals: Option<Plane<[f32; 3]>>,
+    /// 255 where the head is seen, directly or through something transparent.
+    pub visibility: Option<Plane<u8>>,
+    /// 0 no head, 1 seen, 2 covered, 3 seen through something transparent.
+    pub occlusion: Option<Plane<u8>>,
+}
+
+/// The ground truth of a view, whatever the light.
+#[derive(Clone, Debug)]
+pub struct ViewTruth {
+    /// Landmarks by scheme.
+    pub landmarks: BTreeMap<String, LandmarkRecord>,
+    /// Box around the face, px: left, top, right, bottom.
+    pub face_box_px: [f64; 4],
+    /// Maps.
+    pub maps: Arc<Maps>,
+}
+
+/// The classes that make up the face.
+pub(super) fn is_face(segment: Segment) -> bool {
+    matches!(
+        segment,
+        Segment::Skin
+            | Segment::LeftBrow
+            | Segment::RightBrow
+            | Segment::LeftEyelid
+            | Segment::RightEyelid
+            | Segment::Nose
+            | Segment::UpperLip
+            | Segment::LowerLip
+    )
+}
+
+impl Pipeline {
+    /// The truth of a view.
+    pub fn truth(&self, scene: &HeadScene, face: &Face, traced: &TracedView) -> ViewTruth {
+        let camera = traced.camera();
+        let image = &self.recipe().image;
+        let mut landmarks = BTreeMap::new();
+        if image.wants(Truth::Landmarks) {
+            for scheme in self.schemes() {
+                let record = self.landmarks(scheme, scene, face, camera);
+                landmarks.insert(scheme.name.clone(), record);
+            }
+        }
+        let buffer = &traced.gbuffer;
+        let occlusion = buffer.occlusion.as_ref();
+        let seen = [Occlusion::Visible as u8, Occlusion::Through as u8];
+        let visible = |code: &u8| if seen.contains(code) { 255 } else { 0 };
+        let maps = Maps {
+            segments: buffer.segment.clone(),
+            depth_z: buffer.depth_z.clone(),
+            depth_steps_per_mm: depth_steps_per_mm(camera),
+            normals: buffer.normal_in_camera.clone(),
+            visibility: occlusion
+                .filter(|_| image.wants(Truth::Visibility))
+                .map(|plane| plane.map(visible)),
+            occlusion: occlusion.filter(|_| image.wants(Truth::Occlusion)).cloned(),
+        };
+        ViewTruth {
+            landmarks,
+            face_box_px: self.face_box(face, camera),
+            maps: Arc::new(maps),
+        }
+    }
+
+    /// Projects the landmarks of a scheme and finds what hides each.
+    fn landmarks(
+        &self,
+        scheme: &LandmarkScheme,
+        scene: &HeadScene,
+        face: &Face,
+        camera: &Camera,
+    ) -> LandmarkRecord {
+        let triangles = &self.reference().mesh.triangles;
+        let points = scheme.positions(&face.positions, triangles);
+        let px = points.iter().map(|p| match camera.project(p) {
+            Some((px, _)) => px.map(rounded),
+            // At or behind the camera: nowhere in the image.
+            None => [-1e6; 2],
+        });
+        let own = |i: usize| self.reference().mesh.segments[scheme.points[i].triangle as usize];
+        LandmarkRecord {
+            px: px.collect(),
+            mm: points.iter().map(rounded_point).collect(),
+            visibility: points
+                .iter()
+                .enumerate()
+                .map(|(i, p)| hidden_by(p, own(i), scene, camera))
+                .collect(),
+        }
+    }
+
+    /// The box around the face's vertices in the image, px.
+    fn face_box(&self, face: &Face, camera: &Camera) -> [f64; 4] {
+        let start = [f64::MAX, f64::MAX, f64::MIN, f64::MIN];
+        self.face_vertices()
+            .iter()
+            .filter_map(|&v| camera.project(&face.positions[v as usize]))
+            .fold(start, |[x0, y0, x1, y1], ([x, y], _)| {
+                [x0.min(x), y0.min(y), x1.max(x), y1.max(y)]
+            })
+            .map(rounded)
+    }
+
+    /// The record of a sample. `first` is the sample whose number the maps' files carry.
+    #[expect(clippy::too_many_arguments, reason = "one argument for each stage that a record tells of")]
+    pub(super) fn record(
+        &self,
+        index: u64,
+        first: u64,
+        factors: &Factors,
+        person: &Person,
+        face: &Face,
+        camera: &Camera,
+        truth: &ViewTruth,
+    ) -> Record {
+        let recipe = self.recipe();
+        let lighting = &recipe.lightings[factors.lighting];
+        Record {
+            index,
+            image: image_name(index, recipe.image.encoding),
+            size: [recipe.image.width, recipe.image.height],
+            recipe: self.recipe_hash().to_owned(),
+            subject: SubjectRecord {
+                id: person.subject.id.clone(),
+                kind: person.kind,
+                attributes: person.subject.attributes.clone(),
+                registration: person.registration.clone(),
+            },
+            expression: self.expression_record(factors.expression, face),
+            light: LightRecord {
+                name: lighting.name.clone(),
+                sources: lighting.sources.clone(),
+            },
+            camera: CameraRecord::of(camera),
+            head_pose: HeadPose::of(camera.camera_from_world()),
+            occluder: recipe.occluders[factors.occluder].clone(),
+            face_box_px: truth.face_box_px,
+            landmarks: truth.landmarks.clone(),
+            maps: map_records(first, &truth.maps),
+        }
+    }
+
+    fn expression_record(&self, expression: usize, face: &Face) -> ExpressionRecord {
+        let expression = &self.recipe().expressions[expression];
+        let pose = &expression.pose;
+        let mut contractions: BTreeMap<_, _> = self
+            .muscles()
+            .muscles()
+            .iter()
+            .map(|m| (m.name.clone(), facile_sim::Sides::default()))
+            .collect();
+        contractions.extend(pose.contractions.clone());
+        ExpressionRecord {
+            name: expression.name.clone(),
+            intensity: expression.intensity,
+            contractions,
+            action_units: expression.action_units.clone(),
+            jaw: JawRecord {
+                open_deg: rounded(pose.jaw.open_rad.to_degrees()),
+                protrusion_mm: pose.jaw.protrusion_mm,
+                lateral_mm: pose.jaw.lateral_mm,
+            },
+            gaze_deg: [pose.gaze.yaw_rad, pose.gaze.pitch_rad].map(|v| rounded(v.to_degrees())),
+            equilibrium: face.certificate.clone(),
+        }
+    }
+}
+
+/// `visible`, or what hides a landmark: `frame` (outside the image), `occluder`, `closed_mouth` (the other lip) or
+/// `self` (the head).
+fn hidden_by(point: &Point3, own: Segment, scene: &HeadScene, camera: &Camera) -> &'static str {
+    let Some((px, depth)) = camera.project(point).filter(|(px, _)| camera.contains_px(*px)) else {
+        return "frame";
+    };
+    let ray = Ray {
+        t_max: (depth - LANDMARK_TOLERANCE) as f32,
+        ..camera.ray(px)
+    };
+    let scene = &scene.scene;
+    let is_lip = |s| matches!(s, Segment::UpperLip | Segment::LowerLip);
+    if let Some(hit) = scene.closest_hit(&ray, Layer::BehindOccluders) {
+        let blocking = scene.objects()[hit.object as usize].segment_at(&hit);
+        return if is_lip(own) && is_lip(blocking) && blocking != own {
+            "closed_mouth"
+        } else {
+            "self"
+        };
+    }
+    // A lens does not hide what is behind it, the frame does.
+    if scene.transmittance(&ray).max() <= 0.0 {
+        "occluder"
+    } else {
+        "visible"
+    }
+}
+
+/// The same for all views from one distance.
+fn depth_steps_per_mm(camera: &Camera) -> f64 {
+    let reach = camera.position().coords.norm() + DEPTH_BEHIND;
+    let mut steps = FINEST_DEPTH_STEPS_PER_MM;
+    while reach * steps > f64::from(u16::MAX) {
+        steps /= 2.0;
+    }
+    steps
+}
+
+fn map_records(first: u64, maps: &Maps) -> BTreeMap<&'static str, MapRecord> {
+    let kinds = [
+        ("segments", maps.segments.is_some()),
+        ("depth", maps.depth_z.is_some()),
+        ("normals", maps.normals.is_some()),
+        ("visibility", maps.visibility.is_some()),
+        ("occlusion", maps.occlusion.is_some()),
+    ];
+    let present = kinds.into_iter().filter(|(_, is_there)| *is_there);
+    present
+        .map(|(kind, _)| {
+            let record = MapRecord {
+                file: map_name(kind, first),
+                steps_per_mm: (kind == "depth").then_some(maps.depth_steps_per_mm),
+            };
+            (kind, record)
+        })
+        .collect()
+}

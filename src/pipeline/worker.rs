@@ -1,0 +1,205 @@
+//! Makes samples one after the other, keeping what the next one shares.
+//!
+//! A worker holds one person, one face, one scene and one traced view. Asked for the samples of a group in order it
+//! solves one equilibrium, refits one scene and traces each view once; asked at random it makes the same bytes.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+
+use facile_core::{Plane, Subject};
+use facile_sim::Solver;
+use facile_trace::{HeadScene, View as TracedView};
+
+use super::truth::{Maps, ViewTruth};
+use super::{Face, Person, Pipeline};
+use crate::Error;
+use crate::plan::Grid;
+use crate::recipe::Recipe;
+use crate::record::Record;
+
+/// An image with everything that is known of it.
+#[derive(Clone, Debug)]
+pub struct Sample {
+    /// The image, 8-bit sRGB, row 0 at the top.
+    pub image: Plane<[u8; 3]>,
+    /// What is known of it.
+    pub record: Record,
+    /// The maps that the recipe asks for; shared by the samples that differ in light alone.
+    pub maps: Arc<Maps>,
+    /// Whether the maps' files are named after this sample.
+    pub owns_maps: bool,
+}
+
+/// What a worker knows of the current face.
+struct Posed {
+    expression: usize,
+    occluder: Option<usize>,
+    face: Face,
+    scene: HeadScene,
+}
+
+/// What a worker knows of the current view.
+struct Traced {
+    occluder: usize,
+    view: usize,
+    traced: TracedView,
+    truth: ViewTruth,
+}
+
+/// Makes samples.
+pub struct Worker {
+    pipeline: Arc<Pipeline>,
+    grid: Grid,
+    solver: Solver,
+    person: Option<(u64, Arc<Person>)>,
+    posed: Option<Posed>,
+    traced: Option<Traced>,
+}
+
+impl Worker {
+    /// A worker that knows nobody yet.
+    pub fn new(pipeline: Arc<Pipeline>) -> Self {
+        Self {
+            grid: Grid::of(pipeline.recipe()),
+            pipeline,
+            solver: Solver::new(),
+            person: None,
+            posed: None,
+            traced: None,
+        }
+    }
+
+    /// What the samples are made with.
+    pub fn pipeline(&self) -> &Arc<Pipeline> {
+        &self.pipeline
+    }
+
+    /// Gives the worker a person who is prepared already: subject number `subject` of the recipe.
+    pub fn set_person(&mut self, subject: u64, person: Arc<Person>) {
+        self.person = Some((subject, person));
+        self.posed = None;
+        self.traced = None;
+    }
+
+    /// Lets the next sample be traced anew, so that this can be timed.
+    pub(crate) fn forget_view(&mut self) {
+        self.traced = None;
+    }
+
+    /// Makes sample number `index`.
+    ///
+    /// # Errors
+    /// [`Error::Index`] beyond the last sample; whatever a stage reports.
+    pub fn sample(&mut self, index: u64) -> Result<Sample, Error> {
+        let len = self.grid.len();
+        let factors = self.grid.factors(index).ok_or(Error::Index { index, len })?;
+        let person = self.person(factors.subject)?;
+        self.pose(&person, factors.expression)?;
+        self.trace(factors.occluder, factors.view)?;
+        let (Some(posed), Some(traced)) = (&self.posed, &self.traced) else {
+            unreachable!("both were set above");
+        };
+        let lighting = &self.pipeline.recipe().lightings[factors.lighting];
+        let shaded = traced.traced.shade(&posed.scene.scene, &lighting.sources)?;
+        let first = index - factors.lighting as u64;
+        let record = self.pipeline.record(
+            index,
+            first,
+            &factors,
+            &person,
+            &posed.face,
+            traced.traced.camera(),
+            &traced.truth,
+        );
+        Ok(Sample {
+            image: shaded.to_srgb8(),
+            record,
+            maps: traced.truth.maps.clone(),
+            owns_maps: first == index,
+        })
+    }
+
+    fn person(&mut self, subject: u64) -> Result<Arc<Person>, Error> {
+        if let Some((current, person)) = &self.person
+            && *current == subject
+        {
+            return Ok(person.clone());
+        }
+        let person = Arc::new(self.pipeline.person(subject)?);
+        self.set_person(subject, person.clone());
+        Ok(person)
+    }
+
+    fn pose(&mut self, person: &Person, expression: usize) -> Result<(), Error> {
+        if self.posed.as_ref().is_some_and(|p| p.expression == expression) {
+            return Ok(());
+        }
+        self.traced = None;
+        let face = self.pipeline.face(person, expression, &mut self.solver)?;
+        // The scene of another expression of this person is refitted, not built again.
+        let mut scene = match self.posed.take() {
+            Some(posed) => posed.scene,
+            None => self.pipeline.head_scene(person)?,
+        };
+        scene.scene.truncate(HeadScene::PARTS);
+        self.pipeline.show_face(&mut scene, &face)?;
+        self.posed = Some(Posed {
+            expression,
+            occluder: None,
+            face,
+            scene,
+        });
+        Ok(())
+    }
+
+    fn trace(&mut self, occluder: usize, view: usize) -> Result<(), Error> {
+        let Some(posed) = self.posed.as_mut() else {
+            unreachable!("a face is posed before it is traced");
+        };
+        if posed.occluder != Some(occluder) {
+            posed.scene.scene.truncate(HeadScene::PARTS);
+            self.pipeline.add_occluder(&mut posed.scene, occluder)?;
+            posed.occluder = Some(occluder);
+            self.traced = None;
+        }
+        if self.traced.as_ref().is_some_and(|t| t.occluder == occluder && t.view == view) {
+            return Ok(());
+        }
+        let traced = self.pipeline.trace(&posed.scene, view)?;
+        let truth = self.pipeline.truth(&posed.scene, &posed.face, &traced);
+        self.traced = Some(Traced {
+            occluder,
+            view,
+            traced,
+            truth,
+        });
+        Ok(())
+    }
+}
+
+/// Renders one image of a subject that is there already. `tables` holds the recipe's tables `image`, `expression`,
+/// `light`, `view` and `occluder`, each at most once and without the list around it.
+///
+/// # Errors
+/// [`Error::Recipe`] for tables that are wrong; whatever a stage reports.
+pub fn render_subject(
+    subject: &Subject,
+    tables: &BTreeMap<&str, serde_json::Value>,
+) -> Result<Sample, Error> {
+    let mut recipe = serde_json::json!({
+        "dataset": { "name": "render" },
+        "subjects": { "sampled": 1 },
+    });
+    for (name, table) in tables {
+        recipe[*name] = match *name {
+            "image" => table.clone(),
+            _ => serde_json::Value::Array(vec![table.clone()]),
+        };
+    }
+    let pipeline = Arc::new(Pipeline::new(Recipe::from_json(&recipe, Path::new(""))?)?);
+    let person = pipeline.person_of(subject.clone(), "given", None, Vec::new())?;
+    let mut worker = Worker::new(pipeline);
+    worker.set_person(0, Arc::new(person));
+    worker.sample(0)
+}

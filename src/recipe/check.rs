@@ -1,0 +1,209 @@
+//! From the file's tables to checked settings: `[dataset]`, `[image]`, `[subjects]`. Read next [`super::check_scene`].
+
+use std::ops::RangeInclusive;
+use std::path::{Path, PathBuf};
+
+use facile_core::{ReferenceHead, builtin};
+use facile_trace::Samples;
+
+use super::check_scene::{expressions, lightings, occluders, views};
+use super::file::{DatasetTable, ImageTable, RecipeFile, SamplesTable, SubjectsTable};
+use super::problem::{Place, Problem};
+use super::settings::{ImageSettings, Recipe, Subjects};
+
+/// Limits that protect against typing errors, not against large datasets.
+const MAX_IMAGES: u64 = 1_000_000_000_000;
+const MAX_SAMPLED: i64 = 1_000_000_000;
+const IMAGE_SIDE: RangeInclusive<i64> = 8..=8192;
+
+/// Checks every value of a recipe. `base` is the folder that globs of scans are relative to.
+pub(crate) fn check(file: RecipeFile, base: &Path) -> Result<Recipe, Problem> {
+    let root = Place::default();
+    check_dataset(&file.dataset, &root.key("dataset"))?;
+    let recipe = Recipe {
+        name: file.dataset.name.clone(),
+        seed: file.dataset.seed,
+        output: PathBuf::from(&file.dataset.output),
+        formats: file.dataset.formats.clone(),
+        image: image(&file.image, &root.key("image"))?,
+        subjects: subjects(&file.subjects, &root.key("subjects"), base)?,
+        expressions: expressions(&file.expressions, &root.key("expression"))?,
+        occluders: occluders(&file.occluders, &root.key("occluder"))?,
+        views: views(&file.views, &root.key("view"))?,
+        lightings: lightings(&file.lights, &root.key("light"))?,
+        file,
+    };
+    let lists = [
+        recipe.expressions.len(),
+        recipe.occluders.len(),
+        recipe.views.len(),
+        recipe.lightings.len(),
+    ];
+    let images = lists.iter().try_fold(recipe.subjects.len(), |product, n| {
+        product.checked_mul(*n as u64)
+    });
+    if images.is_none_or(|n| n > MAX_IMAGES) {
+        let message = format!("the grid has more than {MAX_IMAGES} images");
+        return Err(root.key("subjects").problem(message));
+    }
+    Ok(recipe)
+}
+
+fn check_dataset(table: &DatasetTable, place: &Place) -> Result<(), Problem> {
+    if table.name.trim().is_empty() {
+        return Err(place.key("name").problem("the name must not be empty"));
+    }
+    if table.output.trim().is_empty() {
+        return Err(place
+            .key("output")
+            .problem("the output folder must not be empty"));
+    }
+    if table.formats.is_empty() {
+        return Err(place
+            .key("formats")
+            .problem("at least one format is needed")
+            .help("allowed: folder"));
+    }
+    Ok(())
+}
+
+fn image(table: &ImageTable, place: &Place) -> Result<ImageSettings, Problem> {
+    for (i, side) in table.size.iter().enumerate() {
+        if !IMAGE_SIDE.contains(side) {
+            return Err(place.key("size").index(i).problem(format!(
+                "width and height must be from {} to {} pixels, found {side}",
+                IMAGE_SIDE.start(),
+                IMAGE_SIDE.end()
+            )));
+        }
+    }
+    let quality = u8::try_from(table.quality)
+        .ok()
+        .filter(|q| (1..=100).contains(q));
+    let Some(quality) = quality else {
+        return Err(place.key("quality").problem(format!(
+            "quality must be from 1 to 100, found {}",
+            table.quality
+        )));
+    };
+    let samples = match &table.samples {
+        SamplesTable::Count(n) if (1..=256).contains(n) => Samples::Count(*n as u32),
+        SamplesTable::Word(word) if word == "adaptive" => Samples::ADAPTIVE,
+        SamplesTable::Count(n) => {
+            let message = format!("the number of samples must be from 1 to 256, found {n}");
+            return Err(place.key("samples").problem(message));
+        }
+        SamplesTable::Word(word) => {
+            let place = place.key("samples");
+            return Err(place.unknown("value", word, &["adaptive".to_owned()]));
+        }
+    };
+    let schemes = &ReferenceHead::embedded().landmarks;
+    let known: Vec<String> = schemes.iter().map(|s| s.name.clone()).collect();
+    for (i, scheme) in table.landmarks.iter().enumerate() {
+        if !known.contains(scheme) {
+            let place = place.key("landmarks").index(i);
+            return Err(place.unknown("landmark scheme", scheme, &known));
+        }
+    }
+    let mut truth = table.truth.clone();
+    truth.sort_unstable();
+    truth.dedup();
+    Ok(ImageSettings {
+        width: table.size[0] as u32,
+        height: table.size[1] as u32,
+        encoding: table.encoding,
+        quality,
+        truth,
+        landmarks: table.landmarks.clone(),
+        samples,
+        background: table.background,
+    })
+}
+
+fn subjects(table: &SubjectsTable, place: &Place, base: &Path) -> Result<Subjects, Problem> {
+    let mut scans = Vec::new();
+    for (i, pattern) in table.scans.iter().enumerate() {
+        let place = place.key("scans").index(i);
+        for path in matching_files(pattern, base, &place)? {
+            if !scans.contains(&path) {
+                scans.push(path);
+            }
+        }
+    }
+    let known: Vec<String> = builtin::names().into_iter().map(str::to_owned).collect();
+    let mut names: Vec<String> = Vec::new();
+    for (i, name) in table.builtin.iter().enumerate() {
+        let chosen = match name.as_str() {
+            "all" => &known[..],
+            _ if known.contains(name) => std::slice::from_ref(name),
+            _ => {
+                let allowed = [&["all".to_owned()], &known[..]].concat();
+                let place = place.key("builtin").index(i);
+                return Err(place.unknown("built-in subject", name, &allowed));
+            }
+        };
+        for name in chosen {
+            if !names.contains(name) {
+                names.push(name.clone());
+            }
+        }
+    }
+    if !(0..=MAX_SAMPLED).contains(&table.sampled) {
+        return Err(place.key("sampled").problem(format!(
+            "the number of sampled subjects must be from 0 to {MAX_SAMPLED}, found {}",
+            table.sampled
+        )));
+    }
+    let subjects = Subjects {
+        scans,
+        builtin: names,
+        sampled: table.sampled as u64,
+    };
+    if subjects.is_empty() {
+        return Err(place
+            .problem("the recipe names no subjects")
+            .help("give at least one of scans = [\"*.obj\"], builtin = [\"all\"], sampled = 10"));
+    }
+    Ok(subjects)
+}
+
+fn matching_files(pattern: &str, base: &Path, place: &Place) -> Result<Vec<PathBuf>, Problem> {
+    // The recipe's own folder is taken literally, whatever characters its name has.
+    let full = Path::new(&glob::Pattern::escape(&base.to_string_lossy())).join(pattern);
+    let paths = glob::glob(&full.to_string_lossy())
+        .map_err(|e| place.problem(format!("`{pattern}` is not a valid glob: {e}")))?;
+    let mut files = Vec::new();
+    for path in paths {
+        let path = path.map_err(|e| place.problem(e.to_string()))?;
+        if path.is_file() {
+            files.push(path);
+        }
+    }
+    files.sort();
+    if files.is_empty() {
+        return Err(place.problem(format!(
+            "no file matches `{pattern}` in {}",
+            if base.as_os_str().is_empty() {
+                Path::new(".").display()
+            } else {
+                base.display()
+            }
+        )));
+    }
+    Ok(files)
+}
+
+/// A finite number within a range; `what` begins the error's sentence.
+pub(crate) fn in_range(
+    value: f64,
+    range: RangeInclusive<f64>,
+    what: &str,
+    place: &Place,
+) -> Result<f64, Problem> {
+    if range.contains(&value) {
+        return Ok(value);
+    }
+    let (low, high) = (range.start(), range.end());
+    Err(place.problem(format!("{what} must be from {low} to {high}, found {value}")))
+}

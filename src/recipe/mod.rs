@@ -1,0 +1,65 @@
+//! The recipe: `dataset.toml` as tables ([`file`]), checked once into [`Recipe`].
+//!
+//! Whatever is wrong in a recipe is found here, before any work, and shown with its file, line and column. Read
+//! [`file`] for what a recipe may say, [`Recipe`] for what it means, and `plan.rs` for how it becomes samples.
+
+use std::path::Path;
+
+use crate::Error;
+
+mod check;
+mod check_scene;
+pub mod file;
+mod problem;
+mod settings;
+
+pub use file::RecipeFile;
+pub use problem::RecipeError;
+pub use settings::{
+    Expression, ImageSettings, Lighting, Occluder, Recipe, SubjectSource, Subjects, View,
+};
+
+impl Recipe {
+    /// Reads and checks a recipe. Scans are looked for relative to its folder.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if it cannot be read, [`Error::Recipe`] with line and column of the first thing that is wrong.
+    pub fn load(path: &Path) -> Result<Self, Error> {
+        let text = std::fs::read_to_string(path).map_err(|e| Error::io(path, e))?;
+        let base = path.parent().unwrap_or(Path::new(""));
+        Self::parse(&text, path, base)
+    }
+
+    /// Checks a recipe given as text. `path` names it in errors; `base` is the folder that scans are relative to.
+    ///
+    /// # Errors
+    /// [`Error::Recipe`] with line and column of the first thing that is wrong.
+    pub fn parse(text: &str, path: &Path, base: &Path) -> Result<Self, Error> {
+        let file: RecipeFile =
+            toml::from_str(text).map_err(|e| RecipeError::from_toml(path, text, &e))?;
+        let recipe = check::check(file, base)
+            .map_err(|p| RecipeError::from_problem(path, text, p))?;
+        Ok(recipe)
+    }
+
+    /// Checks a recipe given as JSON with the same keys; `base` is the folder that scans are relative to.
+    ///
+    /// # Errors
+    /// [`Error::Recipe`] with the place of the first thing that is wrong, as it would stand in TOML.
+    pub fn from_json(value: &serde_json::Value, base: &Path) -> Result<Self, Error> {
+        let path = Path::new("recipe");
+        let text = toml::to_string(value).map_err(|e| {
+            let message = format!("not the tables of a recipe: {e}");
+            RecipeError::at(path, "", None, message, None)
+        })?;
+        Self::parse(&text, path, base)
+    }
+}
+
+/// JSON Schema of the recipe, for editors that complete and check TOML.
+pub fn schema() -> serde_json::Value {
+    schemars::schema_for!(RecipeFile).to_value()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,179 @@
+//! The checked recipe: every value in range, names resolved, angles in radians, colours linear.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use facile_sim::Pose;
+use facile_trace::occluder::{Drape, Glasses};
+use facile_trace::{LightSource, Samples};
+use serde::Serialize;
+
+use super::file::{Encoding, Format, RecipeFile, Truth};
+
+/// A checked recipe. The lists multiply: every combination of their entries is one image.
+#[derive(Clone, Debug)]
+pub struct Recipe {
+    /// Name of the dataset.
+    pub name: String,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Folder to write.
+    pub output: PathBuf,
+    /// How the dataset is stored.
+    pub formats: Vec<Format>,
+    /// Size and encoding of images, and what comes with them.
+    pub image: ImageSettings,
+    /// Whose faces.
+    pub subjects: Subjects,
+    /// Expressions, each at one intensity.
+    pub expressions: Vec<Expression>,
+    /// Things in front of the face.
+    pub occluders: Vec<Occluder>,
+    /// Viewpoints.
+    pub views: Vec<View>,
+    /// Lightings.
+    pub lightings: Vec<Lighting>,
+    /// The tables this was made from.
+    pub file: RecipeFile,
+}
+
+/// Size and encoding of images, and what comes with them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ImageSettings {
+    /// Pixels in a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// File format.
+    pub encoding: Encoding,
+    /// JPEG quality, 1 to 100.
+    pub quality: u8,
+    /// Ground truth to write, sorted, each once.
+    pub truth: Vec<Truth>,
+    /// Names of landmark schemes, in the order of the recipe.
+    pub landmarks: Vec<String>,
+    /// Samples per pixel.
+    pub samples: Samples,
+    /// sRGB colour behind the head.
+    pub background: [u8; 3],
+}
+
+impl ImageSettings {
+    /// Whether a kind of ground truth is asked for.
+    pub fn wants(&self, truth: Truth) -> bool {
+        self.truth.contains(&truth)
+    }
+}
+
+/// Whose faces: scans first, then built-in subjects, then sampled identities.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Subjects {
+    /// Scan files.
+    pub scans: Vec<PathBuf>,
+    /// Names of built-in subjects.
+    pub builtin: Vec<String>,
+    /// Number of sampled identities.
+    pub sampled: u64,
+}
+
+/// Where one subject comes from.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+pub enum SubjectSource {
+    /// A file, to be registered.
+    Scan {
+        /// The file.
+        file: PathBuf,
+    },
+    /// A subject that ships with the program, to be registered like a file.
+    Builtin {
+        /// Its name.
+        name: String,
+    },
+    /// A draw from the identity model.
+    Sampled {
+        /// Number of the random stream.
+        number: u64,
+    },
+}
+
+impl Subjects {
+    /// Number of subjects.
+    pub fn len(&self) -> u64 {
+        (self.scans.len() + self.builtin.len()) as u64 + self.sampled
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Subject number `i`, below [`Self::len`].
+    pub fn get(&self, i: u64) -> SubjectSource {
+        let (scans, builtin) = (self.scans.len() as u64, self.builtin.len() as u64);
+        if i < scans {
+            let file = self.scans[i as usize].clone();
+            SubjectSource::Scan { file }
+        } else if i < scans + builtin {
+            let name = self.builtin[(i - scans) as usize].clone();
+            SubjectSource::Builtin { name }
+        } else {
+            let number = i - scans - builtin;
+            SubjectSource::Sampled { number }
+        }
+    }
+}
+
+/// An expression at one intensity.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Expression {
+    /// Name in records.
+    pub name: String,
+    /// In `(0, 1]`.
+    pub intensity: f64,
+    /// Intensities of FACS action units as the recipe gives them, times the intensity.
+    pub action_units: BTreeMap<String, f64>,
+    /// What the face does, at this intensity.
+    pub pose: Pose,
+}
+
+/// Something in front of the face.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+pub enum Occluder {
+    /// Nothing.
+    None,
+    /// Glasses.
+    Glasses(Glasses),
+    /// Dark glasses.
+    Sunglasses(Glasses),
+    /// Surgical mask, scarf or cap.
+    #[serde(untagged)]
+    Cloth(Drape),
+}
+
+/// A viewpoint: the camera on a sphere around its target.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct View {
+    /// Towards the subject's left, rad.
+    pub yaw: f64,
+    /// Upwards, rad.
+    pub pitch: f64,
+    /// About the camera's axis, rad; positive turns the head counter-clockwise in the image.
+    pub roll: f64,
+    /// Vertical field of view, rad.
+    pub fov_y: f64,
+    /// From the camera to the target, mm.
+    pub distance: f64,
+    /// What the camera looks at, mm.
+    pub target: [f64; 3],
+}
+
+/// Light sources that shine at the same time.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Lighting {
+    /// Name in records.
+    pub name: String,
+    /// The sources.
+    pub sources: Vec<LightSource>,
+}
