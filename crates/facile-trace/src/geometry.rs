@@ -97,6 +97,32 @@ impl Geometry {
         self.take_positions(positions)
     }
 
+    /// Takes given normals over the computed ones, until vertices move.
+    pub(crate) fn set_normals(&mut self, normals: Vec<Vec3>) -> Result<(), TraceError> {
+        if normals.len() != self.positions.len() {
+            return Err(TraceError::SizeMismatch {
+                what: "vertex normals",
+                expected: self.positions.len(),
+                got: normals.len(),
+            });
+        }
+        let is_bad = |n: &Vec3| !n.iter().all(|v| v.is_finite());
+        if let Some(index) = normals.iter().position(is_bad) {
+            return Err(TraceError::NotFinite {
+                what: "normal",
+                index,
+                value: format!("{:?}", normals[index].as_slice()),
+            });
+        }
+        if self.normals.is_empty() {
+            self.normals = vec![Vec3::y(); normals.len()];
+        }
+        for (own, given) in self.normals.iter_mut().zip(normals) {
+            *own = unit_or(given, *own);
+        }
+        Ok(())
+    }
+
     fn take_positions(&mut self, positions: &[Point3]) -> Result<(), TraceError> {
         if let Some(index) = positions
             .iter()

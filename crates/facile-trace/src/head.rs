@@ -98,6 +98,11 @@ impl HeadScene {
         Ok(head)
     }
 
+    /// Left and right eye as placed.
+    pub fn eyes(&self) -> &[Eye; 2] {
+        &self.eyes
+    }
+
     /// Moves the skin's vertices, mm, head frame.
     ///
     /// # Errors

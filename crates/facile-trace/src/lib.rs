@@ -15,6 +15,7 @@ pub mod light;
 pub mod material;
 pub mod math;
 pub mod object;
+pub mod occluder;
 pub mod png_file;
 pub mod ray;
 pub mod sampling;
@@ -22,10 +23,14 @@ pub mod scene;
 pub mod scene_file;
 pub mod triangle;
 pub mod view;
+pub mod visibility;
 
 mod error;
 mod gbuffer;
 mod interaction;
+mod lanes;
+mod packet;
+mod query;
 mod whitted;
 
 pub use camera::Camera;
@@ -41,3 +46,4 @@ pub use sampling::Samples;
 pub use scene::{Layer, Scene};
 pub use scene_file::{SceneFile, render_scene_file};
 pub use view::{RenderSettings, Rendering, View, trace_view};
+pub use visibility::{Visibility, VisibilityParams, point_visibility};

@@ -6,7 +6,7 @@ use crate::TraceError;
 use crate::bvh::Bvh;
 use crate::geometry::{Geometry, Normals};
 use crate::material::Material;
-use crate::math::{Pose, Vec3};
+use crate::math::{Pose, Rgb, Vec3};
 use crate::ray::{Hit, Ray};
 
 /// Gives the part of a surface around an axis a class of its own, such as the iris of an eyeball.
@@ -76,6 +76,16 @@ impl Object {
     pub fn with_cap(mut self, cap: SegmentCap) -> Self {
         self.caps.push(cap);
         self
+    }
+
+    /// The same object with given unit normals, one per vertex, instead of computed ones. When vertices move, normals
+    /// are computed again.
+    ///
+    /// # Errors
+    /// [`TraceError::SizeMismatch`] or [`TraceError::NotFinite`]; a zero normal counts as the computed one.
+    pub fn with_vertex_normals(mut self, normals: Vec<Vec3>) -> Result<Self, TraceError> {
+        self.geometry.set_normals(normals)?;
+        Ok(self)
     }
 
     /// The same object marked as an occluder: something in front of the face that amodal truth looks through.
@@ -163,6 +173,23 @@ impl Object {
                 segment
             }
         })
+    }
+
+    /// Linear RGB share of light that comes through the object between the ends of a ray of the world.
+    pub(crate) fn transmittance(&self, ray: &Ray) -> Rgb {
+        let mut share = Rgb::repeat(1.0);
+        let mut rest = self.ray_in_object(ray);
+        while let Some(hit) = self.bvh.closest_hit(&rest) {
+            match &self.material(hit.triangle).transmission {
+                Some(transmission) => share.component_mul_assign(&transmission.tint()),
+                None => return Rgb::zeros(),
+            }
+            if share.max() <= 0.0 {
+                break;
+            }
+            rest.t_min = hit.t;
+        }
+        share
     }
 
     /// The ray in the object's frame; its parameter keeps its meaning.

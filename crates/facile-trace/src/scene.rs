@@ -92,14 +92,6 @@ impl Scene {
         best.ok()
     }
 
-    /// Appends the nearest hit of each ray, [`Hit::MISS`] where there is none.
-    pub(crate) fn closest_hits(&self, rays: &[Ray], layer: Layer, hits: &mut Vec<Hit>) {
-        hits.extend(
-            rays.iter()
-                .map(|ray| self.closest_hit(ray, layer).unwrap_or(Hit::MISS)),
-        );
-    }
-
     /// Whether an opaque object lies between the ends of a ray.
     pub fn any_opaque_hit(&self, ray: &Ray) -> bool {
         self.objects
@@ -118,12 +110,6 @@ impl Scene {
         }
     }
 
-    /// [`Scene::transmittance`] of many rays.
-    pub(crate) fn transmittances(&self, rays: &[Ray], shares: &mut Vec<Rgb>) {
-        shares.clear();
-        shares.extend(rays.iter().map(|ray| self.transmittance(ray)));
-    }
-
     /// As [`Scene::transmittance`], opaque objects left out.
     pub(crate) fn tint(&self, ray: &Ray) -> Rgb {
         let mut share = Rgb::repeat(1.0);
@@ -132,17 +118,7 @@ impl Scene {
             .iter()
             .filter(|o| o.is_visible && o.is_transparent())
         {
-            let mut rest = object.ray_in_object(ray);
-            while let Some(hit) = object.bvh.closest_hit(&rest) {
-                match &object.material(hit.triangle).transmission {
-                    Some(transmission) => share.component_mul_assign(&transmission.tint()),
-                    None => return Rgb::zeros(),
-                }
-                if share.max() <= 0.0 {
-                    return share;
-                }
-                rest.t_min = hit.t;
-            }
+            share.component_mul_assign(&object.transmittance(ray));
         }
         share
     }

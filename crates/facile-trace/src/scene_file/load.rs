@@ -5,10 +5,20 @@ use std::path::Path;
 use facile_core::io::obj::{NO_TEXCOORD, ObjFile};
 use facile_core::{CoreError, Mesh, Segment, Texture};
 
+use super::obj_normals::vertex_normals;
 use crate::TraceError;
+use crate::math::Vec3;
 
-/// Reads a mesh and the texture that comes with it.
-pub(super) fn load_mesh(path: &Path) -> Result<(Mesh, Option<Texture>), TraceError> {
+/// A mesh and what comes with it.
+pub(super) struct Loaded {
+    pub(super) mesh: Mesh,
+    pub(super) texture: Option<Texture>,
+    /// Unit normals of the vertices.
+    pub(super) normals: Option<Vec<Vec3>>,
+}
+
+/// Reads a mesh.
+pub(super) fn load_mesh(path: &Path) -> Result<Loaded, TraceError> {
     let bytes = read(path)?;
     let obj = ObjFile::parse(&bytes, path)?;
     let mut mesh = Mesh {
@@ -37,7 +47,11 @@ pub(super) fn load_mesh(path: &Path) -> Result<(Mesh, Option<Texture>), TraceErr
         }
     }
     mesh.validate(path)?;
-    Ok((mesh, None))
+    Ok(Loaded {
+        normals: vertex_normals(&bytes, mesh.positions.len()),
+        mesh,
+        texture: None,
+    })
 }
 
 /// Reads an image file.

@@ -4,6 +4,7 @@
 //! and timings. Paths in the file are relative to its folder. Colours are 8-bit sRGB.
 
 mod load;
+mod obj_normals;
 mod render;
 mod timing;
 

@@ -8,6 +8,7 @@ use facile_core::color::LINEAR_FROM_SRGB8;
 use facile_core::rng::RandomStream;
 use facile_core::{Plane, Point3, Texture};
 
+use super::load::{load_mesh, load_texture};
 use super::{MeshSection, SceneFile, Spread, TimingReport};
 use crate::TraceError;
 use crate::gbuffer::GBuffer;
@@ -87,10 +88,11 @@ fn load_scene(file: &SceneFile, folder: &Path) -> Result<(Scene, TimingReport), 
     let mut triangles = 0;
     for section in &file.mesh {
         let start = Instant::now();
-        let (mesh, own_texture) = super::load::load_mesh(&folder.join(&section.file))?;
+        let loaded = load_mesh(&folder.join(&section.file))?;
+        let mesh = loaded.mesh;
         let texture = match &section.texture {
-            Some(texture) => Some(super::load::load_texture(&folder.join(texture))?),
-            None => own_texture,
+            Some(texture) => Some(load_texture(&folder.join(texture))?),
+            None => loaded.texture,
         };
         let material = material(section, texture, !mesh.colors.is_empty())?;
         load += start.elapsed();
@@ -101,6 +103,9 @@ fn load_scene(file: &SceneFile, folder: &Path) -> Result<(Scene, TimingReport), 
             Normals::Flat
         };
         let mut object = Object::new(&mesh, normals, material)?;
+        if let Some(normals) = loaded.normals.filter(|_| section.smooth) {
+            object = object.with_vertex_normals(normals)?;
+        }
         if section.occluder {
             object = object.as_occluder();
         }
