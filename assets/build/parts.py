@@ -51,11 +51,16 @@ class EyeFit:
         here = v[:, 0] * side > 0
         margin, border = v[(ring == 1) & here], v[(ring == 0) & here]
 
-        # The iris of a person at rest sits a little to the nasal side of the middle of the lid slit.
+        # Together with the optical axis this puts the iris at rest a little to the nasal side of the middle of the slit,
+        # and as high as the lids show it on a calm face: whatever the slit's shape, nobody squints or looks down.
         width = np.ptp(margin[:, 0])
         aim = guess.copy()
-        aim[0] = margin[:, 0].min() + (0.5 - 0.03 * side) * width
-        pull = np.array([1.2, 0.3, 0.3])
+        aim[0] = margin[:, 0].min() + (0.5 - 0.075 * side) * width
+        middle = margin[np.abs(margin[:, 0] - aim[0]) < 0.2 * width]
+        split = (middle[:, 1].max() + middle[:, 1].min()) / 2
+        upper, lower = middle[middle[:, 1] > split, 1].mean(), middle[middle[:, 1] <= split, 1].mean()
+        aim[1] = (upper + lower) / 2 + 0.05 * (upper - lower)
+        pull = np.array([12.0, 12.0, 0.3])
 
         def residual(s: np.ndarray) -> np.ndarray:
             inner = np.linalg.norm(margin - s[:3], axis=1) - s[3]
