@@ -9,13 +9,31 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-import makehuman
 import mesh
 from head import Crop, Regions, mask, smoothstep
 
 # Hairline height h (mm) over |phi| (degrees): forehead, temple recess, sideburn, ear, nape.
-HAIRLINE = np.array([[0, 69], [12, 70], [25, 72], [38, 68], [48, 60], [58, 44], [66, 30], [72, 14], [77, -6], [82, -20],
-                     [90, -30], [100, -34], [112, -46], [130, -58], [150, -66], [180, -68]], float)
+HAIRLINE = np.array(
+    [
+        [0, 69],
+        [12, 70],
+        [25, 72],
+        [38, 68],
+        [48, 60],
+        [58, 44],
+        [66, 30],
+        [72, 14],
+        [77, -6],
+        [82, -20],
+        [90, -30],
+        [100, -34],
+        [112, -46],
+        [130, -58],
+        [150, -66],
+        [180, -68],
+    ],
+    float,
+)
 # Border of the jaw in profile: y over z, from behind the ear to the chin.
 JAWLINE = np.array([[-120, -60], [-30, -60], [-8, -62], [6, -84], [16, -96], [40, -106], [62, -112], [80, -114]], float)
 
@@ -107,7 +125,7 @@ def jaw_weight(crop: Crop, regions: Regions, seg: np.ndarray, v: np.ndarray) -> 
     soft = smoothstep(-band / 2, band / 2, border - y)
     du, dl = regions.to_upper_rim, regions.to_lower_rim
     side = smoothstep(-1.0, 1.0, (du - dl) / np.maximum(np.minimum(du + dl, 14.0) * 0.25, 0.35))
-    near = np.exp(-(np.minimum(du, dl) / 16.0) ** 2) * in_mouth
+    near = np.exp(-((np.minimum(du, dl) / 16.0) ** 2)) * in_mouth
     lips = 0.5 + (side - 0.5) * smoothstep(corner[0] + 1.0, corner[0] - 7.0, ax)
     weight = near * lips + (1 - near) * soft
     # Inside the mouth the cheek lining blends over the whole depth of the bag.
@@ -167,7 +185,7 @@ def lid_weight(regions: Regions, v: np.ndarray, eyes: np.ndarray) -> tuple[np.nd
     return np.clip(mesh.smooth(out, regions.adjacent, (ring >= 12) | (ring <= 3), 2), -1, 1), opening
 
 
-def thickness(crop: Crop, regions: Regions, seg: np.ndarray, v: np.ndarray) -> np.ndarray:
+def thickness(regions: Regions, v: np.ndarray) -> np.ndarray:
     """Tissue thickness skin to skull, mm."""
     x, y, z = v.T
     ax = np.abs(x)
@@ -180,7 +198,7 @@ def thickness(crop: Crop, regions: Regions, seg: np.ndarray, v: np.ndarray) -> n
     out += cheek * (9.0 - out)
     chin = np.exp(-((ax / 18) ** 2 + ((y + 104) / 10) ** 2)) * (z > 50)
     out += chin * (8.0 - out)
-    lips = np.exp(-(np.minimum(regions.to_upper_rim, regions.to_lower_rim) / 12.0) ** 2)
+    lips = np.exp(-((np.minimum(regions.to_upper_rim, regions.to_lower_rim) / 12.0) ** 2))
     out += lips * (7.0 - out)
     tip = np.exp(-((ax / 14) ** 2 + ((y + 38) / 12) ** 2)) * (z > 82)
     out += tip * (6.0 - out)
@@ -189,7 +207,7 @@ def thickness(crop: Crop, regions: Regions, seg: np.ndarray, v: np.ndarray) -> n
     return mesh.smooth(out, regions.adjacent, np.zeros(len(v), bool), 3)
 
 
-def attached(crop: Crop, regions: Regions, seg: np.ndarray, v: np.ndarray, role: np.ndarray) -> np.ndarray:
+def attached(regions: Regions, v: np.ndarray, role: np.ndarray) -> np.ndarray:
     """1 where the fascia is bound to the bone: forehead rim, nose bridge, zygoma, temple, jaw border, chin."""
     x, y, z = v.T
     ax = np.abs(x)

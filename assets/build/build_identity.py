@@ -67,8 +67,9 @@ def in_head_frame(ref: Reference, shape: np.ndarray) -> tuple[np.ndarray, np.nda
 
 def teeth_vertices(ref: Reference) -> np.ndarray:
     """Base-mesh vertices of the teeth helpers, which the teeth's proxy hangs on."""
-    return np.unique([c[0] for name in ("helper-upper-teeth", "helper-lower-teeth")
-                      for f in ref.base.groups[name] for c in f])
+    return np.unique(
+        [c[0] for name in ("helper-upper-teeth", "helper-lower-teeth") for f in ref.base.groups[name] for c in f]
+    )
 
 
 def similarity(source: np.ndarray, goal: np.ndarray) -> np.ndarray:
@@ -107,13 +108,21 @@ def build(ref: Reference) -> dict:
     base_teeth = ref.body[teeth_vertices(ref)]
     skull = np.array([similarity(base_teeth, s.teeth) for s in samples])
     return dict(
-        modes=modes, explained=explained, residual_mm=residual_mm,
-        rms=np.sqrt((modes ** 2).sum(2).mean(1)),
+        modes=modes,
+        explained=explained,
+        residual_mm=residual_mm,
+        rms=np.sqrt((modes**2).sum(2).mean(1)),
         rms_face=np.sqrt((modes[:, ref.role == "free"] ** 2).sum(2).mean(1)),
-        attribute_mean=attributes.mean(0), attribute_slope=regress(scores, attributes),
-        mode_offset=to_modes[0], mode_slope=to_modes[1:], mode_spread=spread,
-        eyes=regress(scores, eyes.reshape(len(v), -1)).reshape(MODES, 2, 3), radius=regress(scores, radius)[:, 0],
-        skull=regress(scores, skull), skull_left=(skull - skull.mean(0) - scores @ regress(scores, skull)).std(0))
+        attribute_mean=attributes.mean(0),
+        attribute_slope=regress(scores, attributes),
+        mode_offset=to_modes[0],
+        mode_slope=to_modes[1:],
+        mode_spread=spread,
+        eyes=regress(scores, eyes.reshape(len(v), -1)).reshape(MODES, 2, 3),
+        radius=regress(scores, radius)[:, 0],
+        skull=regress(scores, skull),
+        skull_left=(skull - skull.mean(0) - scores @ regress(scores, skull)).std(0),
+    )
 
 
 def row(values: np.ndarray, digits: int = 4) -> str:
@@ -130,34 +139,75 @@ def write(model: dict, ref: Reference, out: Path = OUT) -> None:
         "# A head = reference cage + sum over modes of coefficient * modes[k] * scale, mm, head frame; a coefficient of 1",
         "# is one standard deviation of the population. Draw coefficients from N(0, 1); or, for wanted attributes, from",
         "# N(offset + slope * (male, african, asian, age_decades), spread), see [from_attributes]; clamp them at +-2.5.",
-        f"modes = {MODES}", f"vertices = {len(ref.v)}", f"samples = {SAMPLES}", f"seed = {SEED}", f"scale = {scale:.10f}",
+        f"modes = {MODES}",
+        f"vertices = {len(ref.v)}",
+        f"samples = {SAMPLES}",
+        f"seed = {SEED}",
+        f"scale = {scale:.10f}",
         f"explained = {model['explained']:.5f}  # share of the face's variance",
-        f"residual_mm = {model['residual_mm']:.3f}  # RMS of what the modes leave, face", "",
+        f"residual_mm = {model['residual_mm']:.3f}  # RMS of what the modes leave, face",
+        "",
         "# Root mean square displacement of +1 sigma, all of the cage and its free vertices, mm.",
-        f"rms_mm = {row(model['rms'], 3)}", f"face_rms_mm = {row(model['rms_face'], 3)}", "",
-        "[eyes]  # motion per +1 sigma, mm: centres [left, right] and common radius", "center = ["]
+        f"rms_mm = {row(model['rms'], 3)}",
+        f"face_rms_mm = {row(model['rms_face'], 3)}",
+        "",
+        "[eyes]  # motion per +1 sigma, mm: centres [left, right] and common radius",
+        "center = [",
+    ]
     lines += [f"  [{row(e[0])}, {row(e[1])}]," for e in model["eyes"]]
-    lines += ["]", f"radius = {row(model['radius'])}", "",
-              "[skull]  # teeth, tongue and hinge: p -> scale * p + translation; both add up over the modes",
-              f"scale = {row(model['skull'][:, 0], 6)}  # added to 1", "translation = ["]
+    lines += [
+        "]",
+        f"radius = {row(model['radius'])}",
+        "",
+        "[skull]  # teeth, tongue and hinge: p -> scale * p + translation; both add up over the modes",
+        f"scale = {row(model['skull'][:, 0], 6)}  # added to 1",
+        "translation = [",
+    ]
     lines += [f"  {row(t)}," for t in model["skull"][:, 1:]]
-    lines += ["]", "", "[attributes]  # mean, and change per +1 sigma of each mode",
-              "names = [" + ", ".join(f'"{n}"' for n in ATTRIBUTES) + "]", f"mean = {row(model['attribute_mean'])}", "slope = ["]
+    lines += [
+        "]",
+        "",
+        "[attributes]  # mean, and change per +1 sigma of each mode",
+        "names = [" + ", ".join(f'"{n}"' for n in ATTRIBUTES) + "]",
+        f"mean = {row(model['attribute_mean'])}",
+        "slope = [",
+    ]
     lines += [f"  {row(a)}," for a in model["attribute_slope"]]
-    lines += ["]", "", "[from_attributes]  # coefficients from (male, african, asian, age_decades)",
-              f"offset = {row(model['mode_offset'])}", "slope = ["]
+    lines += [
+        "]",
+        "",
+        "[from_attributes]  # coefficients from (male, african, asian, age_decades)",
+        f"offset = {row(model['mode_offset'])}",
+        "slope = [",
+    ]
     lines += [f"  {row(a)}," for a in model["mode_slope"].T]
-    lines += ["]", f"spread = {row(model['mode_spread'])}", "",
-              "[tint]  # linear gains of a sampled skin: all channels by N(0, brightness), red against blue by N(0, warmth)",
-              "brightness = 0.06", "warmth = 0.035", "clamp = 2.0", "",
-              "[mix]  # a sampled skin = weight * first + (1 - weight) * second of the same sex and ancestry",
-              "weight = [0.7, 1.0]", ""]
+    lines += [
+        "]",
+        f"spread = {row(model['mode_spread'])}",
+        "",
+        "[tint]  # linear gains of a sampled skin: all channels by N(0, brightness), red against blue by N(0, warmth)",
+        "brightness = 0.06",
+        "warmth = 0.035",
+        "clamp = 2.0",
+        "",
+        "[mix]  # a sampled skin = weight * first + (1 - weight) * second of the same sex and ancestry",
+        "weight = [0.7, 1.0]",
+        "",
+    ]
     years = {"young": 25, "middleage": 48, "old": 70}
     for look in skins.LOOKS:
-        lines += ["[[skin]]", f'name = "{look.name}"', f'file = "skins/{look.name}.jpg"', f'sex = "{look.sex}"',
-                  f'ancestry = "{look.ancestry}"', f'age = "{look.age}"', f"years = {years[look.age]}",
-                  f'hair = "{look.hair}"',
-                  "eyes = [" + ", ".join(f'"{e}"' for e in look.eye_colours()) + "]", ""]
+        lines += [
+            "[[skin]]",
+            f'name = "{look.name}"',
+            f'file = "skins/{look.name}.jpg"',
+            f'sex = "{look.sex}"',
+            f'ancestry = "{look.ancestry}"',
+            f'age = "{look.age}"',
+            f"years = {years[look.age]}",
+            f'hair = "{look.hair}"',
+            "eyes = [" + ", ".join(f'"{e}"' for e in look.eye_colours()) + "]",
+            "",
+        ]
     (out / "identity.toml").write_text("\n".join(lines))
 
 
@@ -172,8 +222,10 @@ def main() -> None:
     ref = Reference()
     model = build(ref)
     write(model, ref)
-    print(f"{MODES} modes explain {model['explained']:.3f} of the face's variance, residual {model['residual_mm']:.2f} mm;",
-          f"skull placement residual {model['skull_left'].round(4)}")
+    print(
+        f"{MODES} modes explain {model['explained']:.3f} of the face's variance, residual {model['residual_mm']:.2f} mm;",
+        f"skull placement residual {model['skull_left'].round(4)}",
+    )
     write_skins(ref)
 
 

@@ -22,13 +22,121 @@ REFERENCE = Path(__file__).resolve().parent.parent / "reference"
 SIZE = 640
 YAWS, PITCHES = (-40, -30, -20, -10, 0, 10, 20, 30, 40), (-15, 0, 15)
 # Indices of MediaPipe's face mesh that lie where ibug-68 has its points, in the order of ibug-68.
-FACE_MESH = [162, 234, 93, 58, 172, 136, 149, 148, 152, 377, 378, 365, 397, 288, 323, 454, 389,
-             70, 63, 105, 66, 107, 336, 296, 334, 293, 300, 168, 197, 5, 4, 75, 97, 2, 326, 305,
-             33, 160, 158, 133, 153, 144, 362, 385, 387, 263, 373, 380,
-             61, 39, 37, 0, 267, 269, 291, 405, 314, 17, 84, 181, 78, 82, 13, 312, 308, 317, 14, 87]
-MIRROR = [*range(16, -1, -1), *range(26, 16, -1), 27, 28, 29, 30, 35, 34, 33, 32, 31,
-          45, 44, 43, 42, 47, 46, 39, 38, 37, 36, 41, 40,
-          54, 53, 52, 51, 50, 49, 48, 59, 58, 57, 56, 55, 64, 63, 62, 61, 60, 67, 66, 65]
+FACE_MESH = [
+    162,
+    234,
+    93,
+    58,
+    172,
+    136,
+    149,
+    148,
+    152,
+    377,
+    378,
+    365,
+    397,
+    288,
+    323,
+    454,
+    389,
+    70,
+    63,
+    105,
+    66,
+    107,
+    336,
+    296,
+    334,
+    293,
+    300,
+    168,
+    197,
+    5,
+    4,
+    75,
+    97,
+    2,
+    326,
+    305,
+    33,
+    160,
+    158,
+    133,
+    153,
+    144,
+    362,
+    385,
+    387,
+    263,
+    373,
+    380,
+    61,
+    39,
+    37,
+    0,
+    267,
+    269,
+    291,
+    405,
+    314,
+    17,
+    84,
+    181,
+    78,
+    82,
+    13,
+    312,
+    308,
+    317,
+    14,
+    87,
+]
+MIRROR = [
+    *range(16, -1, -1),
+    *range(26, 16, -1),
+    27,
+    28,
+    29,
+    30,
+    35,
+    34,
+    33,
+    32,
+    31,
+    45,
+    44,
+    43,
+    42,
+    47,
+    46,
+    39,
+    38,
+    37,
+    36,
+    41,
+    40,
+    54,
+    53,
+    52,
+    51,
+    50,
+    49,
+    48,
+    59,
+    58,
+    57,
+    56,
+    55,
+    64,
+    63,
+    62,
+    61,
+    60,
+    67,
+    66,
+    65,
+]
 HIDDEN = ("inner_mouth", "eye_socket")
 
 
@@ -44,9 +152,15 @@ class Head:
         self.v, self.tri = s.stencil @ v, mesh.triangles(s.quads)
         self.names = np.tile(names, 8)
         corner = mesh.subdivide_uv(vt[uvs])
-        self.parts = [dict(vertices=self.v, triangles=self.tri, normals=raster.vertex_normals(self.v, self.tri),
-                           uv_triangles=np.concatenate([corner[:, [0, 1, 2]], corner[:, [0, 2, 3]]]),
-                           texture=np.array(Image.open(REFERENCE / "skin.jpg")))]
+        self.parts = [
+            dict(
+                vertices=self.v,
+                triangles=self.tri,
+                normals=raster.vertex_normals(self.v, self.tri),
+                uv_triangles=np.concatenate([corner[:, [0, 1, 2]], corner[:, [0, 2, 3]]]),
+                texture=np.array(Image.open(REFERENCE / "skin.jpg")),
+            )
+        ]
         pv, pt, pgroups = mesh.read_obj(REFERENCE / "parts.obj")
         for name, (faces, face_uvs) in pgroups.items():
             if not name.endswith("eye"):
@@ -54,13 +168,19 @@ class Head:
             tri = np.array([[f[0], f[k], f[k + 1]] for f in faces for k in range(1, len(f) - 1)])
             tuv = np.array([[f[0], f[k], f[k + 1]] for f in face_uvs for k in range(1, len(f) - 1)])
             used, local = np.unique(tri, return_inverse=True)
-            self.parts.append(dict(vertices=pv[used], triangles=local.reshape(-1, 3), uv_triangles=pt[tuv],
-                                   texture=np.array(Image.open(REFERENCE / "eye_brown.png").convert("RGB"))))
+            self.parts.append(
+                dict(
+                    vertices=pv[used],
+                    triangles=local.reshape(-1, 3),
+                    uv_triangles=pt[tuv],
+                    texture=np.array(Image.open(REFERENCE / "eye_brown.png").convert("RGB")),
+                )
+            )
 
-    def outer(self) -> "Surface":
+    def outer(self) -> Surface:
         return Surface(self.v, self.tri[~np.isin(self.names, HIDDEN)])
 
-    def only(self, *names: str) -> "Surface":
+    def only(self, *names: str) -> Surface:
         return Surface(self.v, self.tri[np.isin(self.names, names)])
 
 
@@ -190,9 +310,11 @@ def correct(p: np.ndarray, head: Head) -> np.ndarray:
     for i, j, x in ((60, None, out[48, 0] + 2.0), (61, 67, -8.0), (62, 66, 0.0)):
         u, w = (s[np.abs(s[:, 0] - x) < 0.5] for s in (upper, lower))
         heights = np.arange(out[48, 1] - 4, out[48, 1] + 5, 0.1)
+
         def ahead(s: np.ndarray, y: float) -> float:
             near = s[np.abs(s[:, 1] - y) < 0.15]
             return near[:, 2].max() if len(near) else -1e9
+
         seam = max((y for y in heights if ahead(w, y) > ahead(u, y)), default=out[48, 1])
         out[i] = _foremost(u, seam + 0.2)
         if j is not None:
@@ -213,15 +335,28 @@ def _foremost(points: np.ndarray, y: float) -> np.ndarray:
 
 def write(p: np.ndarray, path: Path) -> None:
     """Both schemes in TOML."""
+
     def row(q: np.ndarray) -> str:
         return "  [" + ", ".join(f"{x + 0.0:.3f}" for x in q) + "],"
 
     right, left = p[36:42].mean(0), p[42:48].mean(0)
-    lines = ["# Landmark schemes on the reference head, mm, head frame. Built by assets/build/build_landmarks.py.",
-             "[ibug68]", "points = [", *map(row, p), "]", "", "[ibug68.on]",
-             "upper_lip = [48, 49, 50, 51, 52, 53, 54, 60, 61, 62, 63, 64]", "lower_lip = [55, 56, 57, 58, 59, 65, 66, 67]",
-             "", "[five]", "# right eye, left eye, nose tip, right mouth corner, left mouth corner", "points = [",
-             *map(row, [right, left, p[30], p[48], p[54]]), "]"]
+    lines = [
+        "# Landmark schemes on the reference head, mm, head frame. Built by assets/build/build_landmarks.py.",
+        "[ibug68]",
+        "points = [",
+        *map(row, p),
+        "]",
+        "",
+        "[ibug68.on]",
+        "upper_lip = [48, 49, 50, 51, 52, 53, 54, 60, 61, 62, 63, 64]",
+        "lower_lip = [55, 56, 57, 58, 59, 65, 66, 67]",
+        "",
+        "[five]",
+        "# right eye, left eye, nose tip, right mouth corner, left mouth corner",
+        "points = [",
+        *map(row, [right, left, p[30], p[48], p[54]]),
+        "]",
+    ]
     path.write_text("\n".join(lines) + "\n")
 
 

@@ -69,8 +69,8 @@ class Reference:
         self.role = annotate.roles(self.crop, self.regions, self.segment, self.v)
         self.jaw = annotate.jaw_weight(self.crop, self.regions, self.segment, self.v)
         self.lid, self.lid_opening = annotate.lid_weight(self.regions, self.v, self.eyes)
-        self.thickness = annotate.thickness(self.crop, self.regions, self.segment, self.v)
-        self.attached = annotate.attached(self.crop, self.regions, self.segment, self.v, self.role)
+        self.thickness = annotate.thickness(self.regions, self.v)
+        self.attached = annotate.attached(self.regions, self.v, self.role)
         self.uv, self.uv_quads = head_uv(self.crop, self.v)
 
     def to_head(self, points: np.ndarray) -> np.ndarray:
@@ -122,8 +122,11 @@ def head_uv(crop: Crop, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     quads[~inner] = skin_quads
     count = len(skin_uv)
     left = v[crop.quads][:, :, 0].mean(1) > 0
-    boxes = ((crop.is_mouth, (0.004, 0.004, 0.16, 0.15)), (crop.is_socket & left, (0.91, 0.004, 0.996, 0.09)),
-             (crop.is_socket & ~left, (0.82, 0.004, 0.90, 0.09)))
+    boxes = (
+        (crop.is_mouth, (0.004, 0.004, 0.16, 0.15)),
+        (crop.is_socket & left, (0.91, 0.004, 0.996, 0.09)),
+        (crop.is_socket & ~left, (0.82, 0.004, 0.90, 0.09)),
+    )
     for pick, (x0, y0, x1, y1) in boxes:
         ids, local = np.unique(crop.body_uv_quads[pick], return_inverse=True)
         p = crop.body_uv[ids]
@@ -142,14 +145,27 @@ def write(ref: Reference, out: Path = OUT) -> None:
         pick = ref.segment == name
         if pick.any():
             groups.append((name, ref.quads[pick].tolist(), ref.uv_quads[pick].tolist()))
-    mesh.write_obj(out / "head.obj", ref.v, ref.uv, groups,
-                   "Facile reference head: control cage, mm, head frame. CC0 1.0, from MakeHuman. Built by build_reference.py")
+    mesh.write_obj(
+        out / "head.obj",
+        ref.v,
+        ref.uv,
+        groups,
+        "Facile reference head: control cage, mm, head frame. CC0 1.0, from MakeHuman. Built by build_reference.py",
+    )
     with open(out / "head_vertices.csv", "w", newline="") as file:
         rows = csv.writer(file, lineterminator="\n")
         rows.writerow(["role", "jaw", "lid", "thickness_mm", "attached", "mirror"])
         for i in range(len(ref.v)):
-            rows.writerow([ref.role[i], f"{ref.jaw[i]:.4f}", f"{ref.lid[i] + 0.0:.4f}", f"{ref.thickness[i]:.3f}",
-                           ref.attached[i], ref.crop.mirror[i]])
+            rows.writerow(
+                [
+                    ref.role[i],
+                    f"{ref.jaw[i]:.4f}",
+                    f"{ref.lid[i] + 0.0:.4f}",
+                    f"{ref.thickness[i]:.3f}",
+                    ref.attached[i],
+                    ref.crop.mirror[i],
+                ]
+            )
     eye = parts.EyeFit(ref)
     left, right = eye.centre, eye.centre * [-1, 1, 1]
     # Condyles: in front of the ear canals, a finger under the zygomatic arch.
@@ -158,15 +174,37 @@ def write(ref: Reference, out: Path = OUT) -> None:
     def vec(p: np.ndarray) -> str:
         return "[" + ", ".join(f"{x + 0.0:.4f}" for x in p) + "]"
 
-    lines = ["# Facile reference head, mm, head frame. Built by assets/build/build_reference.py.", "[jaw]",
-             f"hinge_left = {vec(hinge)}", f"hinge_right = {vec(hinge * [-1, 1, 1])}", "", "[eyes.left]",
-             f"center = {vec(left)}", f"radius = {eye.radius:.4f}", f"iris_radius = {parts.IRIS_RADIUS}",
-             f"axis = {vec(parts.optical_axis(1))}", "", "[eyes.right]", f"center = {vec(right)}", f"radius = {eye.radius:.4f}",
-             f"iris_radius = {parts.IRIS_RADIUS}", f"axis = {vec(parts.optical_axis(-1))}", "", "[lids]",
-             "# Turning every vertex about its eye's x axis by lid weight times this, shared by upper and lower lid, shuts the eye.",
-             f"opening_deg = {np.degrees(ref.lid_opening):.2f}", "", "[population]", f"samples = {SAMPLES}", f"seed = {SEED}",
-             f"scale = {SCALE}", 'notes = "mean of sampled neutral adults: both sexes, African, Asian and Caucasian '
-             'ancestry mixed, 18 to 75 years, local shape targets at sigma 0.16, made symmetric"', "", "[segments]"]
+    lines = [
+        "# Facile reference head, mm, head frame. Built by assets/build/build_reference.py.",
+        "[jaw]",
+        f"hinge_left = {vec(hinge)}",
+        f"hinge_right = {vec(hinge * [-1, 1, 1])}",
+        "",
+        "[eyes.left]",
+        f"center = {vec(left)}",
+        f"radius = {eye.radius:.4f}",
+        f"iris_radius = {parts.IRIS_RADIUS}",
+        f"axis = {vec(parts.optical_axis(1))}",
+        "",
+        "[eyes.right]",
+        f"center = {vec(right)}",
+        f"radius = {eye.radius:.4f}",
+        f"iris_radius = {parts.IRIS_RADIUS}",
+        f"axis = {vec(parts.optical_axis(-1))}",
+        "",
+        "[lids]",
+        "# Turning every vertex about its eye's x axis by lid weight times this, shared by upper and lower lid, shuts the eye.",
+        f"opening_deg = {np.degrees(ref.lid_opening):.2f}",
+        "",
+        "[population]",
+        f"samples = {SAMPLES}",
+        f"seed = {SEED}",
+        f"scale = {SCALE}",
+        'notes = "mean of sampled neutral adults: both sexes, African, Asian and Caucasian '
+        'ancestry mixed, 18 to 75 years, local shape targets at sigma 0.16, made symmetric"',
+        "",
+        "[segments]",
+    ]
     lines += [f"{name} = {number}" for name, number in SEGMENTS.items()]
     (out / "head.toml").write_text("\n".join(lines) + "\n")
     parts.write(ref, eye, out)
@@ -177,9 +215,11 @@ def main() -> None:
     write(ref)
     field = texels.Texels(ref, 1024)
     skins.save(skins.paint(skins.MEAN_LOOK, field, ref), OUT / "skin.jpg", 90)
-    print(f"{len(ref.v)} vertices, {len(ref.quads)} quads;",
-          {str(k): int((ref.role == k).sum()) for k in np.unique(ref.role)},
-          {str(k): int((ref.segment == k).sum()) for k in np.unique(ref.segment)})
+    print(
+        f"{len(ref.v)} vertices, {len(ref.quads)} quads;",
+        {str(k): int((ref.role == k).sum()) for k in np.unique(ref.role)},
+        {str(k): int((ref.segment == k).sum()) for k in np.unique(ref.segment)},
+    )
 
 
 if __name__ == "__main__":

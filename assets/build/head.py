@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from PIL import Image
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 import makehuman
 import mesh
@@ -13,10 +15,31 @@ import raster
 # (mean of the sexes: 225 mm from chin to crown, 62 mm between the pupils).
 SCALE = 1.04
 SEGMENTS = {
-    "skin": 1, "left_brow": 2, "right_brow": 3, "left_eyelid": 4, "right_eyelid": 5, "eye_socket": 6, "nose": 7,
-    "upper_lip": 8, "lower_lip": 9, "inner_mouth": 10, "upper_teeth": 11, "lower_teeth": 12, "tongue": 13,
-    "left_ear": 14, "right_ear": 15, "neck": 16, "scalp": 17, "left_eye": 18, "right_eye": 19, "left_iris": 20,
-    "right_iris": 21, "lashes": 22, "glasses_frame": 30, "glasses_lens": 31, "other_occluder": 40,
+    "skin": 1,
+    "left_brow": 2,
+    "right_brow": 3,
+    "left_eyelid": 4,
+    "right_eyelid": 5,
+    "eye_socket": 6,
+    "nose": 7,
+    "upper_lip": 8,
+    "lower_lip": 9,
+    "inner_mouth": 10,
+    "upper_teeth": 11,
+    "lower_teeth": 12,
+    "tongue": 13,
+    "left_ear": 14,
+    "right_ear": 15,
+    "neck": 16,
+    "scalp": 17,
+    "left_eye": 18,
+    "right_eye": 19,
+    "left_iris": 20,
+    "right_iris": 21,
+    "lashes": 22,
+    "glasses_frame": 30,
+    "glasses_lens": 31,
+    "other_occluder": 40,
 }
 
 
@@ -52,10 +75,7 @@ class Crop:
 
 
 def _largest(quads: np.ndarray, keep: np.ndarray) -> np.ndarray:
-    """Restricts `keep` to its largest edge-connected component and fills faces that stick out by one edge."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
+    """Restricts `keep` to its largest edge-connected component."""
     ids = np.flatnonzero(keep)
     e = np.concatenate([quads[ids][:, [k, (k + 1) % 4]] for k in range(4)])
     n = quads.max() + 1
@@ -139,8 +159,13 @@ class Regions:
         low = rim[(normal[rim, 1] > 0.05) & (np.abs(v[rim, 0]) < corner - 1.0)]
         self.to_upper_rim = mesh.geodesic(v, quads, up)
         self.to_lower_rim = mesh.geodesic(v, quads, low)
-        self.corner = np.array([corner, v[rim[np.abs(v[rim, 0]) > corner - 0.6], 1].mean(),
-                                v[rim[np.abs(v[rim, 0]) > corner - 0.6], 2].mean()])
+        self.corner = np.array(
+            [
+                corner,
+                v[rim[np.abs(v[rim, 0]) > corner - 0.6], 1].mean(),
+                v[rim[np.abs(v[rim, 0]) > corner - 0.6], 2].mean(),
+            ]
+        )
         self.mouth_ring = self._mouth_rings()
         # On the rings of the slit the normals tell the sides apart, elsewhere outside the height over the contact.
         contact = np.interp(np.abs(v[:, 0]), *_contact_line(v[self.mouth_ring == 2]))

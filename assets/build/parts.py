@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 from scipy.optimize import least_squares
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 import makehuman
 import mesh
@@ -33,7 +35,6 @@ def place_eye(points: np.ndarray, side: int, centre: np.ndarray) -> np.ndarray:
     return points @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]).T + centre
 
 
-
 class EyeFit:
     """The sphere that fills the lid slit: it passes between the inner lid margin and the border of the socket."""
 
@@ -41,7 +42,7 @@ class EyeFit:
         self._solve(ref.v, ref.regions.eye_ring, 1, ref.eyes[0])
 
     @classmethod
-    def of(cls, v: np.ndarray, ring: np.ndarray, side: int, guess: np.ndarray) -> "EyeFit":
+    def of(cls, v: np.ndarray, ring: np.ndarray, side: int, guess: np.ndarray) -> EyeFit:
         """The eye on one side (1 left, -1 right) of any head on the cage; `guess`: the middle of its eye helper."""
         self = cls.__new__(cls)
         self._solve(v, ring, side, guess)
@@ -66,8 +67,9 @@ class EyeFit:
             inner = np.linalg.norm(margin - s[:3], axis=1) - s[3]
             behind = np.linalg.norm(border - s[:3], axis=1) - s[3]
             # Touch the margin from behind; stay in front of the socket's border; stay near the given eye.
-            return np.concatenate([2.0 * (inner + 0.12), 6.0 * np.maximum(0, behind + 0.7), pull * (s[:3] - aim),
-                                   [0.5 * (s[3] - 14.9)]])
+            return np.concatenate(
+                [2.0 * (inner + 0.12), 6.0 * np.maximum(0, behind + 0.7), pull * (s[:3] - aim), [0.5 * (s[3] - 14.9)]]
+            )
 
         s = least_squares(residual, np.append(guess, 15.0)).x
         self.centre, self.radius = s[:3], float(s[3])
@@ -77,8 +79,9 @@ class EyeFit:
 
 def eyeball(radius: float) -> tuple[np.ndarray, np.ndarray, list[list[int]]]:
     """A sphere with a corneal bulge around +z: vertices about its centre, uv (equidistant around the axis), faces."""
-    theta = np.concatenate([np.linspace(0, 0.62, RINGS // 2, endpoint=False),
-                            np.linspace(0.62, np.pi, RINGS // 2 + 1)])[1:-1]
+    theta = np.concatenate(
+        [np.linspace(0, 0.62, RINGS // 2, endpoint=False), np.linspace(0.62, np.pi, RINGS // 2 + 1)]
+    )[1:-1]
     azimuth = np.arange(SECTORS) * 2 * np.pi / SECTORS
     th, az = np.meshgrid(theta, azimuth, indexing="ij")
     limbus = np.arcsin(IRIS_RADIUS * 1.06 / radius)
@@ -125,8 +128,10 @@ def eye_texture(colour: str, size: int, radius: float) -> np.ndarray:
     azimuth = np.arctan2(y, x)
     limbus = np.arcsin(IRIS_RADIUS / radius)
     source = np.interp(theta, [0, np.arcsin(PUPIL_RADIUS / radius), limbus, EYE_TEXTURE_ANGLE], SOURCE_RADII)
-    uv = np.stack([(SOURCE_CENTRE[0] + source * np.cos(azimuth)) / 512,
-                   1 - (SOURCE_CENTRE[1] - source * np.sin(azimuth)) / 512], -1)
+    uv = np.stack(
+        [(SOURCE_CENTRE[0] + source * np.cos(azimuth)) / 512, 1 - (SOURCE_CENTRE[1] - source * np.sin(azimuth)) / 512],
+        -1,
+    )
     out = raster.sample(image, uv)
     white = smoothstep(limbus * 0.97, limbus * 1.12, theta)[..., None]
     # The sclera of the source is grey: lift it, and warm it towards the corners where vessels and caruncle are.
@@ -154,7 +159,9 @@ def mouth_parts(ref) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray, np.n
     for name, pick in (("upper_teeth", upper), ("lower_teeth", ~upper)):
         out[name] = compact(p, teeth.uv, quads[pick], uvs[pick])
     tongue = makehuman.Proxy("tongue", "tongue01")
-    out["tongue"] = compact(ref.to_head(tongue.fit(ref.mean)), tongue.uv, np.array(tongue.faces), np.array(tongue.face_uvs))
+    out["tongue"] = compact(
+        ref.to_head(tongue.fit(ref.mean)), tongue.uv, np.array(tongue.faces), np.array(tongue.face_uvs)
+    )
     return out
 
 
@@ -165,9 +172,6 @@ def bite_height(z):
 
 def components(faces: np.ndarray, n: int) -> np.ndarray:
     """Connected component of every vertex."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
     e = np.concatenate([faces[:, [k, (k + 1) % faces.shape[1]]] for k in range(faces.shape[1])])
     return connected_components(coo_matrix((np.ones(len(e)), (e[:, 0], e[:, 1])), (n, n)), directed=False)[1]
 
@@ -197,14 +201,21 @@ def write(ref, eye: EyeFit, out: Path) -> None:
     # mouth.png: the teeth's texture in the left half, the tongue's in the right half.
     for name, (v, t, f, ft) in mouth_parts(ref).items():
         add(name, v, (t + [float(name == "tongue"), 0.0]) * [0.5, 1.0], f.tolist(), ft.tolist())
-    mesh.write_obj(out / "parts.obj", np.concatenate(vertices), np.concatenate(uvs), groups,
-                   "Facile eyes, teeth and tongue, mm, head frame. CC0 1.0, from MakeHuman. Built by build_reference.py")
+    mesh.write_obj(
+        out / "parts.obj",
+        np.concatenate(vertices),
+        np.concatenate(uvs),
+        groups,
+        "Facile eyes, teeth and tongue, mm, head frame. CC0 1.0, from MakeHuman. Built by build_reference.py",
+    )
     for name in ("brown", "blue", "green"):
         image = eye_texture(name, 384, eye.radius)
         Image.fromarray(np.clip(image + 0.5, 0, 255).astype(np.uint8)).save(out / f"eye_{name}.png", optimize=True)
     root = makehuman.npm_root() / "proxies"
     atlas = Image.new("RGB", (512, 256))
-    for source, x in (("teeth/Teeth_Base/textures/teeth.png", 0),
-                      ("tongue/tongue01/textures/tongue01_diffuse.png", 256)):
+    for source, x in (
+        ("teeth/Teeth_Base/textures/teeth.png", 0),
+        ("tongue/tongue01/textures/tongue01_diffuse.png", 256),
+    ):
         atlas.paste(Image.open(root / source).convert("RGB").resize((256, 256), Image.LANCZOS), (x, 0))
     atlas.save(out / "mouth.png", optimize=True)

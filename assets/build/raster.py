@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
+from scipy.ndimage import distance_transform_edt
 
 
 @njit(cache=True)
@@ -68,8 +69,6 @@ def sample(image: np.ndarray, uv: np.ndarray) -> np.ndarray:
 
 def dilate(image: np.ndarray, known: np.ndarray) -> np.ndarray:
     """Fills unknown texels with the nearest known one, so that bilinear look-ups never meet the background."""
-    from scipy.ndimage import distance_transform_edt
-
     index = distance_transform_edt(~known, return_distances=False, return_indices=True)
     return image[index[0], index[1]]
 
@@ -105,8 +104,17 @@ class Camera:
 
     def rays(self, pixels: np.ndarray) -> np.ndarray:
         """Unit directions through pixels (n x 2)."""
-        d = np.stack([(pixels[:, 0] - self.size / 2) / self.focal, (self.size / 2 - pixels[:, 1]) / self.focal,
-                      -np.ones(len(pixels))], -1) @ self.rotation
+        d = (
+            np.stack(
+                [
+                    (pixels[:, 0] - self.size / 2) / self.focal,
+                    (self.size / 2 - pixels[:, 1]) / self.focal,
+                    -np.ones(len(pixels)),
+                ],
+                -1,
+            )
+            @ self.rotation
+        )
         return d / np.linalg.norm(d, axis=1, keepdims=True)
 
 
@@ -122,7 +130,9 @@ def to_srgb(linear: np.ndarray) -> np.ndarray:
 
 
 def render(parts: list[dict], camera: Camera, supersample: int = 2, background=(0.55, 0.57, 0.6)) -> np.ndarray:
-    """A diffuse preview (h x w x 3, uint8). A part: vertices, triangles, uv_triangles + texture (uint8) or colour."""
+    """A diffuse preview (h x w x 3, uint8). A part: vertices, triangles, and one of uv_triangles +
+    texture (uint8), colour, or face_colours; normals if they are not to be computed.
+    """
     n = camera.size * supersample
     big = Camera.__new__(Camera)
     big.__dict__.update(camera.__dict__, size=n, focal=camera.focal * supersample)
@@ -137,15 +147,13 @@ def render(parts: list[dict], camera: Camera, supersample: int = 2, background=(
         f, b = face[hit], bary[hit]
         normal = np.einsum("nk,nkd->nd", b, part.get("normals", vertex_normals(v, t))[t[f]])
         normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
-        if "texture" in part:
+        if "face_colours" in part:
+            colour = part["face_colours"][f]
+        elif "texture" in part:
             uv = np.einsum("nk,nkd->nd", b, part["uv_triangles"][f])
             colour = to_linear(sample(part["texture"][..., :3] / 255.0, uv))
         else:
-            colour = np.broadcast_to(np.asarray(part.get("colour", (0.6, 0.5, 0.45))), (len(f), 3))
-            if colour.shape[0] != len(f) or "face_colours" in part:
-                colour = part["face_colours"][f]
-        if "face_colours" in part:
-            colour = part["face_colours"][f]
+            colour = np.broadcast_to(np.asarray(part["colour"], float), (len(f), 3))
         shade = 0.28 + 0.62 * np.clip(normal @ light, 0, 1) + 0.2 * np.clip(normal @ fill_light, 0, 1)
         out[hit] = colour * shade[:, None]
         z_all[hit] = depth[hit]

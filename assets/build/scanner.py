@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
 import fast_simplification
+import numpy as np
 from numba import njit
+from scipy.spatial import cKDTree
 
 import mesh
 import parts
@@ -81,7 +82,9 @@ def drop_crumbs(vertices: np.ndarray, tri: np.ndarray, least: int) -> np.ndarray
     return tri[np.bincount(label)[label] >= least]
 
 
-def remesh(source: Source, keep: np.ndarray, target: int, seed: int, cut_height: float) -> tuple[np.ndarray, np.ndarray]:
+def remesh(
+    source: Source, keep: np.ndarray, target: int, seed: int, cut_height: float
+) -> tuple[np.ndarray, np.ndarray]:
     """The scanned surface: jittered, decimated to about `target` triangles, torn at the neck, with measuring noise."""
     rng = np.random.default_rng([seed, 1])
     noise = Noise(9000 + seed)
@@ -95,8 +98,9 @@ def remesh(source: Source, keep: np.ndarray, target: int, seed: int, cut_height:
     np.maximum.at(size, tri[:, 0], edge)
     slide = rng.normal(0, 1, v.shape) * 0.12 * size[:, None]
     slide -= np.einsum("ij,ij->i", slide, normal)[:, None] * normal
-    v, tri = fast_simplification.simplify((v + slide).astype(np.float64), tri.astype(np.int64),
-                                          target_count=target, agg=4)
+    v, tri = fast_simplification.simplify(
+        (v + slide).astype(np.float64), tri.astype(np.int64), target_count=target, agg=4
+    )
     v, tri = compact(np.asarray(v, float), np.asarray(tri))
     tri = drop_crumbs(v, tri, 30)
     v, tri = compact(v, tri)
@@ -118,8 +122,9 @@ def own_uv(v: np.ndarray, tri: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.n
     t = np.interp(latitude + share * (r - 85), [-175, -116, -96, 32, 170], [0.01, 0.13, 0.2, 0.78, 0.99])
 
     def wide(a: np.ndarray) -> np.ndarray:
-        return 0.5 + 0.47 * np.sign(a) * np.interp(np.abs(a), [0, 0.87, np.pi / 2, np.pi, 1.15 * np.pi],
-                                                    [0, 0.5, 0.76, 1.0, 1.06])
+        return 0.5 + 0.47 * np.sign(a) * np.interp(
+            np.abs(a), [0, 0.87, np.pi / 2, np.pi, 1.15 * np.pi], [0, 0.5, 0.76, 1.0, 1.06]
+        )
 
     crossing = np.abs(azimuth[tri]).min(1) > np.pi / 2
     crossing &= (azimuth[tri].max(1) - azimuth[tri].min(1)) > np.pi
@@ -127,7 +132,7 @@ def own_uv(v: np.ndarray, tri: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.n
     uv = np.stack([wide(azimuth), t], 1)
     for side in (1, -1):
         mine = crossing & ((azimuth[tri] > 0).sum(1) >= 2) if side == 1 else crossing & ((azimuth[tri] > 0).sum(1) < 2)
-        flip = (azimuth * side < 0)
+        flip = azimuth * side < 0
         ids = np.unique(tri[mine][flip[tri[mine]]])
         lookup = np.arange(len(v))
         lookup[ids] = len(out_v) + np.arange(len(ids))
@@ -165,11 +170,17 @@ def _closest(points, start, table, tri, vert, near, face_out, bary_out):
                     bary_out[n, 0], bary_out[n, 1], bary_out[n, 2] = 1 - u - w, u, w
 
 
-def bake(source: Source, keep: np.ndarray, v: np.ndarray, tri: np.ndarray, uv: np.ndarray, skin: np.ndarray,
-         eye: np.ndarray, size: int) -> np.ndarray:
+def bake(
+    source: Source,
+    keep: np.ndarray,
+    v: np.ndarray,
+    tri: np.ndarray,
+    uv: np.ndarray,
+    skin: np.ndarray,
+    eye: np.ndarray,
+    size: int,
+) -> np.ndarray:
     """Texture of the scan: every texel takes the colour of the nearest point of the seen source surface."""
-    from scipy.spatial import cKDTree
-
     # Where the atlas folds (ears over scalp, nose over lip) the outer surface wins.
     face, bary = raster.bake_uv(uv[tri], size, -np.linalg.norm(v[tri], axis=2))
     known = face >= 0

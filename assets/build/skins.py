@@ -18,9 +18,14 @@ from head import SEGMENTS, smoothstep
 from texels import Noise, Texels
 
 HAIR = {
-    "black": (0.055, 0.048, 0.045), "dark_brown": (0.135, 0.095, 0.07), "brown": (0.225, 0.15, 0.1),
-    "dark_blond": (0.37, 0.28, 0.18), "blond": (0.53, 0.42, 0.27), "red": (0.4, 0.19, 0.09),
-    "grey": (0.42, 0.41, 0.4), "white": (0.66, 0.65, 0.63),
+    "black": (0.055, 0.048, 0.045),
+    "dark_brown": (0.135, 0.095, 0.07),
+    "brown": (0.225, 0.15, 0.1),
+    "dark_blond": (0.37, 0.28, 0.18),
+    "blond": (0.53, 0.42, 0.27),
+    "red": (0.4, 0.19, 0.09),
+    "grey": (0.42, 0.41, 0.4),
+    "white": (0.66, 0.65, 0.63),
 }
 
 
@@ -51,7 +56,11 @@ class Look:
         """Eye textures that suit."""
         if self.ancestry != "caucasian" or self.hair == "black":
             return ("brown",)
-        return ("blue", "green", "brown") if self.hair in ("blond", "dark_blond", "red", "white") else ("brown", "green", "blue")
+        return (
+            ("blue", "green", "brown")
+            if self.hair in ("blond", "dark_blond", "red", "white")
+            else ("brown", "green", "blue")
+        )
 
 
 def load_base(look: Look, texels: Texels) -> np.ndarray:
@@ -104,7 +113,9 @@ def fine_detail(image: np.ndarray, texels: Texels, look: Look) -> np.ndarray:
     shift = red[..., None] * strength * np.array([0.25, -0.75, -0.65])
     out = out * (1 + np.where(skin, 1.0, 0.0)[..., None] * shift)
     if look.freckles:
-        spots = smoothstep(1.5, 2.3, noise.at(p, 2.2)) * np.exp(-(((ax - 26) / 26) ** 2 + ((y + 26) / 18) ** 2)) * (z > 20)
+        spots = (
+            smoothstep(1.5, 2.3, noise.at(p, 2.2)) * np.exp(-(((ax - 26) / 26) ** 2 + ((y + 26) / 18) ** 2)) * (z > 20)
+        )
         out = out * (1 - look.freckles * spots[..., None] * np.array([0.12, 0.22, 0.3]))
     if look.age == "old":
         spots = smoothstep(1.9, 2.5, noise.at(p, 6.0)) * (y > -60)
@@ -127,7 +138,7 @@ def paint_lips(image: np.ndarray, texels: Texels, look: Look) -> np.ndarray:
     out = image * (1 + soft[..., None] * (tint - 1))
     out *= 1 + (soft * 0.02 * wrinkles)[..., None]
     # The line of contact: rings 1 to 2 lie in shadow between the lips, towards the corners too.
-    line = np.exp(-((texels.mouth_ring - 1.0) / 1.0) ** 2) * (texels.mouth_ring > -1)
+    line = np.exp(-(((texels.mouth_ring - 1.0) / 1.0) ** 2)) * (texels.mouth_ring > -1)
     return out * (1 - line[..., None] * np.array([0.42, 0.5, 0.5]))
 
 
@@ -140,17 +151,19 @@ def paint_lids(image: np.ndarray, texels: Texels, look: Look) -> np.ndarray:
     strokes = 1 + 0.35 * noise.at(np.stack([x, y], -1), np.array([0.9, 3.0]))
     # Lashes grow from the outer edge of the margin: strongest at ring 3, shading the lid a little above.
     out = image.copy()
-    rim = np.exp(-((ring - 1.2) / 0.8) ** 2) * (ring < 3)
+    rim = np.exp(-(((ring - 1.2) / 0.8) ** 2)) * (ring < 3)
     pink = np.array([1.04, 0.86, 0.84])
     out *= 1 + rim[..., None] * (pink - 1)
-    dark = upper * np.exp(-((ring - 2.9) / 0.75) ** 2) + 0.38 * (1 - upper) * np.exp(-((ring - 2.8) / 0.6) ** 2)
-    dark += 0.25 * upper * np.exp(-((ring - 4.2) / 1.0) ** 2)
+    dark = upper * np.exp(-(((ring - 2.9) / 0.75) ** 2)) + 0.38 * (1 - upper) * np.exp(-(((ring - 2.8) / 0.6) ** 2))
+    dark += 0.25 * upper * np.exp(-(((ring - 4.2) / 1.0) ** 2))
     inner = smoothstep(15.0, 20.0, x)
     amount = np.clip(dark * look.lashes * strokes * inner * 1.25, 0, 0.92)
     lash = np.array(HAIR["black"]) if look.hair in ("black", "dark_brown") else np.array([0.13, 0.09, 0.07])
     out = out * (1 - amount[..., None]) + lash * amount[..., None]
     # The crease above the lid and a slight shade below the eye.
-    crease = upper * np.exp(-((ring - 7.6) / 0.8) ** 2) * 0.14 + (1 - upper) * np.exp(-((ring - 8.5) / 2.0) ** 2) * 0.05
+    crease = (
+        upper * np.exp(-(((ring - 7.6) / 0.8) ** 2)) * 0.14 + (1 - upper) * np.exp(-(((ring - 8.5) / 2.0) ** 2)) * 0.05
+    )
     return out * (1 - (crease * inner)[..., None] * np.array([0.8, 1.0, 1.0]))
 
 
@@ -163,8 +176,7 @@ def brow_card(ref, number: int) -> tuple[np.ndarray, tuple[float, float, float]]
     phi = np.arctan2(p[:, 0], p[:, 2])
     width, height = int(2 * reach * 90 / step), int((high - low) / step)
     xy = np.stack([(phi + reach) * 90 / step, (high - p[:, 1]) / step], 1)
-    faces = np.array([f for f in proxy.faces])
-    uvs = np.array([f for f in proxy.face_uvs])
+    faces, uvs = np.array(proxy.faces), np.array(proxy.face_uvs)
     tri = np.concatenate([faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]])
     tuv = np.concatenate([uvs[:, [0, 1, 2]], uvs[:, [0, 2, 3]]])
     face, bary, _ = raster.fill(xy[tri], -p[tri][..., 2], width, height)
@@ -184,8 +196,10 @@ def paint_brows(image: np.ndarray, texels: Texels, look: Look, ref) -> np.ndarra
     tilt = look.extra.get("tilt", 1.6 if look.sex == "female" else 0.6)
     v = 1 - (high - texels.position[..., 1] + tilt * (1 - 2 * along)) / step / card.shape[0]
     inside = (u > 0) & (u < 1) & (v > 0) & (v < 1) & (texels.position[..., 2] > 20)
-    inside &= np.isin(texels.segment, [SEGMENTS[s] for s in ("skin", "left_brow", "right_brow", "nose", "left_eyelid",
-                                                             "right_eyelid")])
+    inside &= np.isin(
+        texels.segment,
+        [SEGMENTS[s] for s in ("skin", "left_brow", "right_brow", "nose", "left_eyelid", "right_eyelid")],
+    )
     uv = np.stack([u, v], -1)
     hairs = raster.sample(card[..., None], uv)[..., 0] * inside
     shade = raster.sample(gaussian_filter(card, 5.0)[..., None], uv)[..., 0] * inside
@@ -208,7 +222,7 @@ def paint_beard(image: np.ndarray, texels: Texels, look: Look) -> np.ndarray:
     line = np.interp(z, [-5, 10, 40, 70], [-22, -46, -72, -80])
     jaw = smoothstep(2, -20, y - line) * smoothstep(-142, -112, y) * smoothstep(-6, 6, z)
     area = np.clip(moustache + chin + jaw, 0, 1) * (1 - gaussian_filter(texels.lips, 2.0))
-    area *= smoothstep(40, 22, np.abs(y + 62) * 0 + np.exp(-((ax - 21) / 5) ** 2 - ((y + 71) / 6) ** 2) * 60)
+    area *= 1 - np.exp(-(((ax - 21) / 5) ** 2) - ((y + 71) / 6) ** 2)  # the corners of the mouth stay bare
     area[texels.segment == SEGMENTS["inner_mouth"]] = 0
     dots = smoothstep(0.1, 1.6, noise.at(p, 0.8))
     amount = look.beard * area * (0.35 + 0.65 * dots)
@@ -268,52 +282,319 @@ def _source(sex: str, ancestry: str, age: str, suffix: str = "") -> str:
 
 
 LOOKS = [
-    Look("african_female_young", _source("female", "african", "young"), "female", "african", "young", "black", 1,
-         0.96, lips=0.5, lashes=0.85, tone=(0.46, 0.31, 0.24), seed=1),
-    Look("african_female_middle", _source("female", "african", "middleage"), "female", "african", "middleage", "black", 8,
-         0.95, lips=0.3, lashes=0.75, tone=(0.52, 0.36, 0.28), seed=2),
-    Look("african_female_old", _source("female", "african", "old"), "female", "african", "old", "grey", 3,
-         0.8, lift=4, lashes=0.5, tone=(0.43, 0.29, 0.225), seed=3),
-    Look("african_male_young", _source("male", "african", "young"), "male", "african", "young", "black", 10,
-         0.93, beard=0.3, lashes=0.6, tone=(0.36, 0.25, 0.19), seed=4),
-    Look("african_male_middle", _source("male", "african", "middleage"), "male", "african", "middleage", "black", 9,
-         0.86, lift=4, recess=10, beard=0.5, lashes=0.5, tone=(0.45, 0.315, 0.245), seed=5),
-    Look("african_male_old", _source("male", "african", "old"), "male", "african", "old", "grey", 9,
-         0.6, lift=10, recess=14, beard=0.35, lashes=0.4, tone=(0.4, 0.28, 0.22), seed=6),
-    Look("asian_female_young", _source("female", "asian", "young", "3"), "female", "asian", "young", "black", 5,
-         0.97, lips=0.7, lashes=0.8, tone=(0.84, 0.68, 0.57), seed=7),
-    Look("asian_female_middle", _source("female", "asian", "middleage", "2"), "female", "asian", "middleage", "black", 1,
-         0.95, lips=0.5, lashes=0.65, tone=(0.79, 0.61, 0.5), seed=8),
-    Look("asian_female_old", _source("female", "asian", "old", "2"), "female", "asian", "old", "grey", 3,
-         0.85, lift=3, lashes=0.45, tone=(0.76, 0.58, 0.47), seed=9),
-    Look("asian_male_young", _source("male", "asian", "young", "3"), "male", "asian", "young", "black", 9,
-         0.95, beard=0.12, lashes=0.5, tone=(0.77, 0.6, 0.49), seed=10),
-    Look("asian_male_middle", _source("male", "asian", "middleage", "2"), "male", "asian", "middleage", "black", 12,
-         0.9, recess=6, beard=0.22, lashes=0.45, tone=(0.73, 0.56, 0.45), seed=11),
-    Look("asian_male_old", _source("male", "asian", "old", "2"), "male", "asian", "old", "grey", 9,
-         0.6, lift=10, recess=12, beard=0.2, lashes=0.35, tone=(0.71, 0.52, 0.41), seed=12),
-    Look("caucasian_female_young", _source("female", "caucasian", "young"), "female", "caucasian", "young", "dark_blond", 2,
-         0.95, lips=0.7, lashes=0.75, tone=(0.87, 0.7, 0.62), freckles=0.7, seed=13),
-    Look("caucasian_female_young2", _source("female", "caucasian", "young", "2"), "female", "caucasian", "young", "red", 5,
-         0.95, lips=0.4, lashes=0.55, tone=(0.88, 0.71, 0.64), freckles=1.0, seed=14),
-    Look("caucasian_female_middle", _source("female", "caucasian", "middleage"), "female", "caucasian", "middleage", "brown",
-         11, 0.95, lips=0.5, lashes=0.65, tone=(0.82, 0.64, 0.56), seed=15),
-    Look("caucasian_female_old", _source("female", "caucasian", "old"), "female", "caucasian", "old", "white", 6,
-         0.88, lift=3, lashes=0.35, tone=(0.8, 0.64, 0.57), seed=16),
-    Look("caucasian_male_young", _source("male", "caucasian", "young"), "male", "caucasian", "young", "brown", 9,
-         0.93, peak=3, beard=0.28, lashes=0.5, tone=(0.82, 0.64, 0.54), seed=17),
-    Look("caucasian_male_young2", _source("male", "caucasian", "young", "2"), "male", "caucasian", "young", "blond", 12,
-         0.9, beard=0.15, lashes=0.4, tone=(0.85, 0.68, 0.59), freckles=0.4, seed=18),
-    Look("caucasian_male_middle", _source("male", "caucasian", "middleage"), "male", "caucasian", "middleage", "dark_brown", 10,
-         0.88, lift=5, recess=12, beard=0.42, lashes=0.5, tone=(0.79, 0.6, 0.5), seed=19),
-    Look("caucasian_male_old", _source("male", "caucasian", "old"), "male", "caucasian", "old", "white", 9,
-         0.55, lift=12, recess=16, beard=0.25, lashes=0.35, tone=(0.8, 0.62, 0.53), seed=20),
+    Look(
+        "african_female_young",
+        _source("female", "african", "young"),
+        "female",
+        "african",
+        "young",
+        "black",
+        1,
+        0.96,
+        lips=0.5,
+        lashes=0.85,
+        tone=(0.46, 0.31, 0.24),
+        seed=1,
+    ),
+    Look(
+        "african_female_middle",
+        _source("female", "african", "middleage"),
+        "female",
+        "african",
+        "middleage",
+        "black",
+        8,
+        0.95,
+        lips=0.3,
+        lashes=0.75,
+        tone=(0.52, 0.36, 0.28),
+        seed=2,
+    ),
+    Look(
+        "african_female_old",
+        _source("female", "african", "old"),
+        "female",
+        "african",
+        "old",
+        "grey",
+        3,
+        0.8,
+        lift=4,
+        lashes=0.5,
+        tone=(0.43, 0.29, 0.225),
+        seed=3,
+    ),
+    Look(
+        "african_male_young",
+        _source("male", "african", "young"),
+        "male",
+        "african",
+        "young",
+        "black",
+        10,
+        0.93,
+        beard=0.3,
+        lashes=0.6,
+        tone=(0.36, 0.25, 0.19),
+        seed=4,
+    ),
+    Look(
+        "african_male_middle",
+        _source("male", "african", "middleage"),
+        "male",
+        "african",
+        "middleage",
+        "black",
+        9,
+        0.86,
+        lift=4,
+        recess=10,
+        beard=0.5,
+        lashes=0.5,
+        tone=(0.45, 0.315, 0.245),
+        seed=5,
+    ),
+    Look(
+        "african_male_old",
+        _source("male", "african", "old"),
+        "male",
+        "african",
+        "old",
+        "grey",
+        9,
+        0.6,
+        lift=10,
+        recess=14,
+        beard=0.35,
+        lashes=0.4,
+        tone=(0.4, 0.28, 0.22),
+        seed=6,
+    ),
+    Look(
+        "asian_female_young",
+        _source("female", "asian", "young", "3"),
+        "female",
+        "asian",
+        "young",
+        "black",
+        5,
+        0.97,
+        lips=0.7,
+        lashes=0.8,
+        tone=(0.84, 0.68, 0.57),
+        seed=7,
+    ),
+    Look(
+        "asian_female_middle",
+        _source("female", "asian", "middleage", "2"),
+        "female",
+        "asian",
+        "middleage",
+        "black",
+        1,
+        0.95,
+        lips=0.5,
+        lashes=0.65,
+        tone=(0.79, 0.61, 0.5),
+        seed=8,
+    ),
+    Look(
+        "asian_female_old",
+        _source("female", "asian", "old", "2"),
+        "female",
+        "asian",
+        "old",
+        "grey",
+        3,
+        0.85,
+        lift=3,
+        lashes=0.45,
+        tone=(0.76, 0.58, 0.47),
+        seed=9,
+    ),
+    Look(
+        "asian_male_young",
+        _source("male", "asian", "young", "3"),
+        "male",
+        "asian",
+        "young",
+        "black",
+        9,
+        0.95,
+        beard=0.12,
+        lashes=0.5,
+        tone=(0.77, 0.6, 0.49),
+        seed=10,
+    ),
+    Look(
+        "asian_male_middle",
+        _source("male", "asian", "middleage", "2"),
+        "male",
+        "asian",
+        "middleage",
+        "black",
+        12,
+        0.9,
+        recess=6,
+        beard=0.22,
+        lashes=0.45,
+        tone=(0.73, 0.56, 0.45),
+        seed=11,
+    ),
+    Look(
+        "asian_male_old",
+        _source("male", "asian", "old", "2"),
+        "male",
+        "asian",
+        "old",
+        "grey",
+        9,
+        0.6,
+        lift=10,
+        recess=12,
+        beard=0.2,
+        lashes=0.35,
+        tone=(0.71, 0.52, 0.41),
+        seed=12,
+    ),
+    Look(
+        "caucasian_female_young",
+        _source("female", "caucasian", "young"),
+        "female",
+        "caucasian",
+        "young",
+        "dark_blond",
+        2,
+        0.95,
+        lips=0.7,
+        lashes=0.75,
+        tone=(0.87, 0.7, 0.62),
+        freckles=0.7,
+        seed=13,
+    ),
+    Look(
+        "caucasian_female_young2",
+        _source("female", "caucasian", "young", "2"),
+        "female",
+        "caucasian",
+        "young",
+        "red",
+        5,
+        0.95,
+        lips=0.4,
+        lashes=0.55,
+        tone=(0.88, 0.71, 0.64),
+        freckles=1.0,
+        seed=14,
+    ),
+    Look(
+        "caucasian_female_middle",
+        _source("female", "caucasian", "middleage"),
+        "female",
+        "caucasian",
+        "middleage",
+        "brown",
+        11,
+        0.95,
+        lips=0.5,
+        lashes=0.65,
+        tone=(0.82, 0.64, 0.56),
+        seed=15,
+    ),
+    Look(
+        "caucasian_female_old",
+        _source("female", "caucasian", "old"),
+        "female",
+        "caucasian",
+        "old",
+        "white",
+        6,
+        0.88,
+        lift=3,
+        lashes=0.35,
+        tone=(0.8, 0.64, 0.57),
+        seed=16,
+    ),
+    Look(
+        "caucasian_male_young",
+        _source("male", "caucasian", "young"),
+        "male",
+        "caucasian",
+        "young",
+        "brown",
+        9,
+        0.93,
+        peak=3,
+        beard=0.28,
+        lashes=0.5,
+        tone=(0.82, 0.64, 0.54),
+        seed=17,
+    ),
+    Look(
+        "caucasian_male_young2",
+        _source("male", "caucasian", "young", "2"),
+        "male",
+        "caucasian",
+        "young",
+        "blond",
+        12,
+        0.9,
+        beard=0.15,
+        lashes=0.4,
+        tone=(0.85, 0.68, 0.59),
+        freckles=0.4,
+        seed=18,
+    ),
+    Look(
+        "caucasian_male_middle",
+        _source("male", "caucasian", "middleage"),
+        "male",
+        "caucasian",
+        "middleage",
+        "dark_brown",
+        10,
+        0.88,
+        lift=5,
+        recess=12,
+        beard=0.42,
+        lashes=0.5,
+        tone=(0.79, 0.6, 0.5),
+        seed=19,
+    ),
+    Look(
+        "caucasian_male_old",
+        _source("male", "caucasian", "old"),
+        "male",
+        "caucasian",
+        "old",
+        "white",
+        9,
+        0.55,
+        lift=12,
+        recess=16,
+        beard=0.25,
+        lashes=0.35,
+        tone=(0.8, 0.62, 0.53),
+        seed=20,
+    ),
 ]
 
 
 # The reference head's own skin: the mean of all, with ordinary brows and short hair.
-MEAN_LOOK = Look("mean", "", "male", "mixed", "middleage", "dark_brown", 1, 0.85, lips=0.4, lashes=0.6,
-                 tone=(0.72, 0.55, 0.45), seed=99)
+MEAN_LOOK = Look(
+    "mean",
+    "",
+    "male",
+    "mixed",
+    "middleage",
+    "dark_brown",
+    1,
+    0.85,
+    lips=0.4,
+    lashes=0.6,
+    tone=(0.72, 0.55, 0.45),
+    seed=99,
+)
 
 
 def save(image: np.ndarray, path: Path, quality: int) -> None:

@@ -50,8 +50,9 @@ class Texels:
             return np.einsum("hwk,hwk->hw", self.bary, values[self.tri[self.face]])
         return np.einsum("hwk,hwkd->hwd", self.bary, values[self.tri[self.face]])
 
-    def hairline_distance(self, lift: float = 0.0, recess: float = 0.0, peak: float = 0.0,
-                          sideburn: bool = True) -> np.ndarray:
+    def hairline_distance(
+        self, lift: float = 0.0, recess: float = 0.0, peak: float = 0.0, sideburn: bool = True
+    ) -> np.ndarray:
         """Signed distance to the hairline on the cylinder, mm, positive within the hair.
 
         `lift` raises the front, `recess` the temples, `peak` lowers the middle of the front; without `sideburn` the
@@ -60,8 +61,8 @@ class Texels:
         degrees = np.linspace(0, 180, 1441)
         line = np.interp(degrees, HAIRLINE[:, 0], HAIRLINE[:, 1])
         front = np.clip(1 - degrees / 62, 0, 1)
-        line = line + lift * front ** 0.5 + recess * np.exp(-((degrees - 36) / 14) ** 2)
-        line -= peak * np.exp(-(degrees / 9) ** 2)
+        line = line + lift * front**0.5 + recess * np.exp(-(((degrees - 36) / 14) ** 2))
+        line -= peak * np.exp(-((degrees / 9) ** 2))
         if not sideburn:
             line = np.where(degrees < 84, np.maximum(line, 22), line)
         # Densify the near-vertical parts.
@@ -125,7 +126,7 @@ class Noise:
         self.seed += 7919
         scaled = points / np.asarray(wavelength, float) * 1.6 + (self.seed % 89)
         flat = np.zeros((points[..., 0].size, 3))
-        flat[:, :points.shape[-1]] = scaled.reshape(-1, points.shape[-1])
+        flat[:, : points.shape[-1]] = scaled.reshape(-1, points.shape[-1])
         out = np.zeros(len(flat))
         _value_noise(flat, self.seed, out)
         out = out.reshape(points.shape[:-1])
@@ -133,5 +134,5 @@ class Noise:
 
     def layered(self, points: np.ndarray, wavelength: float, octaves: int) -> np.ndarray:
         """Sum of octaves, halving wavelength and amplitude."""
-        total = sum(self.at(points, wavelength / 2 ** k) * 0.5 ** k for k in range(octaves))
+        total = sum(self.at(points, wavelength / 2**k) * 0.5**k for k in range(octaves))
         return total / total.std()

@@ -9,7 +9,7 @@ face counts for more than the scalp and the neck. Eye sockets and inner mouth ke
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import block_diag, bmat, coo_matrix, csr_matrix, diags
+from scipy.sparse import bmat, coo_matrix, csr_matrix, diags
 from scipy.sparse.linalg import factorized, spsolve
 
 import mesh
@@ -110,15 +110,20 @@ class SymmetricDirichlet:
         self.tri, self.n = tri, n
 
     def jacobian(self, uv: np.ndarray) -> np.ndarray:
-        return np.stack([np.stack([self.dx @ uv[:, 0], self.dy @ uv[:, 0]], -1),
-                         np.stack([self.dx @ uv[:, 1], self.dy @ uv[:, 1]], -1)], 1)
+        return np.stack(
+            [
+                np.stack([self.dx @ uv[:, 0], self.dy @ uv[:, 0]], -1),
+                np.stack([self.dx @ uv[:, 1], self.dy @ uv[:, 1]], -1),
+            ],
+            1,
+        )
 
     def energy(self, uv: np.ndarray) -> float:
         j = self.jacobian(uv)
         det = np.linalg.det(j)
         if (det <= 0).any():
             return np.inf
-        return float((self.area * (j ** 2).sum((1, 2)) * (1 + 1 / det ** 2)).sum())
+        return float((self.area * (j**2).sum((1, 2)) * (1 + 1 / det**2)).sum())
 
     def step(self, uv: np.ndarray) -> np.ndarray:
         """One reweighted solve and line search."""
@@ -128,7 +133,7 @@ class SymmetricDirichlet:
         s[:, 1] *= flip
         r = u @ vt
         s = np.maximum(s, 1e-6)
-        ratio = np.where(np.abs(s - 1) < 1e-6, 4.0, (s - s ** -3.0) / np.where(np.abs(s - 1) < 1e-6, 1.0, s - 1))
+        ratio = np.where(np.abs(s - 1) < 1e-6, 4.0, (s - s**-3.0) / np.where(np.abs(s - 1) < 1e-6, 1.0, s - 1))
         w = np.sqrt(np.maximum(ratio, 1e-9))
         weight = u @ (w[:, :, None] * np.swapaxes(u, 1, 2))
         root = np.sqrt(self.area)
@@ -167,15 +172,15 @@ def unwrap(quads: np.ndarray, v: np.ndarray, mirror: np.ndarray, steps: int = 60
     points = np.concatenate([p, [p[np.array(h)].mean(0) for h in rims[1:]]])
     uv = tutte(everything, points, rims[0], extra)
     scale = importance(p[tri].mean(1))
-    scale /= np.sqrt((scale ** 2 * 1.0).mean())
+    scale /= np.sqrt((scale**2 * 1.0).mean())
     if np.linalg.det(SymmetricDirichlet(tri, p, scale, n).jacobian(uv[:n])).mean() < 0:
         uv[:, 0] *= -1
     hole_scale = np.full(len(everything) - len(tri), 1.0)
     problem = SymmetricDirichlet(everything, points, np.r_[scale, hole_scale], extra)
-    problem.area[len(tri):] *= 1e-3
+    problem.area[len(tri) :] *= 1e-3
     # Start at the scale of the target.
     uv *= np.sqrt(problem.area.sum() / np.pi)
-    for k in range(steps):
+    for _k in range(steps):
         uv = problem.step(uv)
     print(f"unwrap: symmetric Dirichlet energy per area {problem.energy(uv) / problem.area.sum():.3f} (4 is isometric)")
     uv = uv[:n]

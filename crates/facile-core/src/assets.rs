@@ -147,6 +147,25 @@ const SKIN_FILES: &[(&str, &[u8])] = embed_all! {
     "skins/caucasian_male_young2.jpg" => "identity/skins/caucasian_male_young2.jpg",
 };
 
+/// Scans of the built-in subjects.
+pub(crate) const SUBJECT_FILES: &[(&str, &[u8])] = embed_all! {
+    "amara.glb" => "subjects/amara.glb",
+    "bjorn.glb" => "subjects/bjorn.glb",
+    "carmen.glb" => "subjects/carmen.glb",
+    "desta.glb" => "subjects/desta.glb",
+    "emi.glb" => "subjects/emi.glb",
+    "farid.glb" => "subjects/farid.glb",
+    "greta.glb" => "subjects/greta.glb",
+    "haruto.glb" => "subjects/haruto.glb",
+    "ivy.glb" => "subjects/ivy.glb",
+    "jomo.glb" => "subjects/jomo.glb",
+    "kwang.glb" => "subjects/kwang.glb",
+    "lerato.glb" => "subjects/lerato.glb",
+};
+
+/// The list of the built-in subjects.
+pub(crate) const SUBJECTS_TOML: &str = include_text!("subjects/subjects.toml");
+
 /// Parses TOML; `name` is the file in errors.
 pub(crate) fn parse_toml<T: DeserializeOwned>(text: &str, name: &str) -> Result<T, CoreError> {
     toml::from_str(text).map_err(|e| CoreError::Format {

@@ -4,6 +4,7 @@
 //! face looks along `+z` and `x` points to the subject's left. Colours are linear inside and sRGB in files.
 //! The crate owns no thread pool, no clock and no global random state. Read [`mesh`] first, then [`reference`].
 
+pub mod builtin;
 pub mod color;
 pub mod grid;
 pub mod identity;

@@ -1,1 +1,36 @@
-//! Facile.
+//! Registration of a scan to the reference head (paper, section 3).
+//!
+//! [`normalise`] finds unit, pose and size of the face; [`radial_map`] and [`channels`] show reference and scan on the
+//! cylinder (eq. 1 and 4); [`flow`] computes the displacement field between them (eq. 2 and 3, over a [`pyramid`]);
+//! rounds of flow and smooth deformation draw the reference onto the scan; the last step ends on its surface. The
+//! result is a [`facile_core::Subject`] with a texture, eyes, and an expected error per vertex. Start with
+//! [`register()`].
+
+pub mod channels;
+pub mod curvature;
+pub mod flow;
+pub mod normalise;
+pub mod pyramid;
+pub mod radial_map;
+
+mod adjacency;
+mod blur;
+mod cage;
+mod error;
+mod eyes;
+mod fit;
+mod folds;
+mod identity_fit;
+mod onto_surface;
+mod params;
+mod register;
+mod report;
+mod scan;
+mod surface;
+mod template;
+mod texture;
+
+pub use error::FlowError;
+pub use params::RegistrationParams;
+pub use register::{Registrar, Registration, register};
+pub use report::RegistrationReport;

@@ -120,7 +120,7 @@ impl<'a> Load<'a> {
                 // Fascia that is not attached at rest is attached here, the more the stronger the muscle pulls.
                 let at_rest = self.attachment[node];
                 let full = params.fascia_skull_stiffness * params.muscle_gain;
-                self.attachment[node] = at_rest + c * (full - at_rest);
+                self.attachment[node] = at_rest + c * (full - at_rest).max(0.0);
             }
         }
     }

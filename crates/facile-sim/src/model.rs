@@ -14,7 +14,7 @@ use crate::contact::{Contacts, EyeContact, SkullContact};
 use crate::elements::Elements;
 use crate::follow::Follow;
 use crate::kinematics::{Hinges, hinge_axis};
-use crate::layers::Layers;
+use crate::layers::{Layers, area_vector};
 use crate::lids::lid_vertices;
 use crate::muscle::{Bound, MuscleSet};
 use crate::params::PaperParams;
@@ -25,6 +25,8 @@ use crate::vector::{V3, from_point, norm, sub, unit};
 
 /// Fascia whose normal is closer than this (cosine) to perpendicular to the radius has no contact with the field.
 const MIN_FACING: f64 = 0.25;
+/// Skin per node of the paper's mesh, mm^2: under 4,000 nodes on a face of about 480 cm^2.
+const PAPER_NODE_AREA_MM2: f64 = 12.0;
 /// Skin nearer to an eyeball than this is kept outside of it, mm.
 const EYE_REACH_MM: f64 = 6.0;
 /// Skin stays this far off the sclera's sphere where the rest shape allows it, mm: the cornea bulges by about as much.
@@ -128,7 +130,7 @@ impl FaceRig {
         Ok(FaceModel {
             springs: Springs::new(template, &params, &rest),
             elements: Elements::new(&template.triangles, &params, &rest),
-            attachment: attachments(template, &params),
+            attachment: attachments(template, &params, &rest),
             template: Arc::clone(template),
             follow: Arc::clone(&self.follow),
             params,
@@ -216,14 +218,25 @@ fn hinges(
     })
 }
 
-/// Zero-length springs between attached fascia and skull.
-fn attachments(template: &Template, params: &PaperParams) -> Vec<f64> {
+/// Zero-length springs between attached fascia and skull, mm of tissue by mm: Table 1's stiffness for each node of the
+/// paper's mesh, times the share of such a node's area that a node here stands for, where it is larger. Without it a
+/// coarse chin hangs on too few springs to follow the jaw.
+fn attachments(template: &Template, params: &PaperParams, rest: &[V3]) -> Vec<f64> {
+    let mut area = vec![0.0; template.node_count()];
+    for t in &template.triangles {
+        let size = norm(area_vector(t.map(|i| rest[i as usize])));
+        for &i in t {
+            area[i as usize] += size / 3.0;
+        }
+    }
     template
         .attached
         .iter()
-        .map(|&a| {
+        .zip(&area)
+        .map(|(&a, size)| {
+            let nodes = (size / PAPER_NODE_AREA_MM2).max(1.0);
             if a {
-                params.fascia_skull_stiffness
+                params.fascia_skull_stiffness * nodes
             } else {
                 0.0
             }

@@ -18,6 +18,11 @@ use crate::vector::{V3, from_point, from_vector, norm, scale, sub};
 /// Share of a lid's motion from which on its fascia is the tarsal plate itself.
 const PLATE_WEIGHT: f64 = 0.5;
 
+/// Distance of the vestibular fold from the rim of the lips, along the skin, mm.
+const VESTIBULE_MM: (f64, f64) = (9.0, 20.0);
+/// Distance of its ends from the corners of the mouth, mm.
+const VESTIBULE_CORNER_MM: f64 = 5.0;
+
 /// The simulation mesh and the muscles on it, for one reference head.
 #[derive(Debug)]
 pub struct Template {
@@ -35,8 +40,6 @@ pub struct Template {
     pub(crate) moving: Vec<bool>,
     /// Whether the fascia of each node is attached to the skull.
     pub(crate) attached: Vec<bool>,
-    /// Whether the fascia of each node is tarsal plate.
-    pub(crate) plate: Vec<bool>,
     /// Thickness of each node's tissue, mm.
     pub(crate) thickness: Vec<f64>,
     /// Topology of both eyes' lids and of the lips.
@@ -90,9 +93,14 @@ impl Template {
             .map(|&v| cage.thickness[v as usize])
             .collect();
         let eyes = reference.eyes.map(|e| from_point(&e.center));
+        let margins = margins(cage, &positions, eyes, &node_of_cage);
+        let mut attached = per_node(&|v| cage.attached[v]);
+        for i in vestibule(cage, &positions, &cage_of_node, &edges, &margins.lips) {
+            attached[i] = true;
+        }
         let mut template = Self {
-            attached: per_node(&|v| cage.attached[v]),
-            margins: margins(cage, &positions, eyes, &node_of_cage),
+            attached,
+            margins,
             pattern: SystemPattern::new(&triangles, &moving)?,
             actuators: Vec::new(),
             muscles: muscles.clone(),
@@ -102,7 +110,6 @@ impl Template {
             triangles,
             edges,
             moving,
-            plate,
             thickness,
         };
         let layers = template.layers(reference, &reference.mesh.positions)?;
@@ -272,4 +279,47 @@ fn margins(cage: &Cage, positions: &[V3], eyes: [V3; 2], node_of_cage: &[Option<
         }
     }
     out
+}
+
+/// Nodes over the vestibular fold, where the lips' lining is bound to the gums: a band around the rim of the lips, away
+/// from the corners of the mouth, over upper or lower jaw but not over the blend of both. Without it an opening jaw
+/// leaves the lower lip behind.
+fn vestibule(
+    cage: &Cage,
+    positions: &[V3],
+    cage_of_node: &[u32],
+    edges: &[[u32; 2]],
+    rim: &[u32],
+) -> Vec<usize> {
+    let at = |i: u32| positions[cage_of_node[i as usize] as usize];
+    let corner = rim.iter().map(|&i| at(i)[0].abs()).fold(0.0, f64::max);
+    let mut along = vec![f64::INFINITY; cage_of_node.len()];
+    for &i in rim {
+        along[i as usize] = 0.0;
+    }
+    // The band is a few edges wide: sweeps over all edges settle within a few rounds.
+    loop {
+        let mut changed = false;
+        for &[a, b] in edges {
+            let length = norm(sub(at(a), at(b)));
+            for (i, j) in [(a as usize, b as usize), (b as usize, a as usize)] {
+                let through = along[j] + length;
+                if through < along[i] && through < VESTIBULE_MM.1 {
+                    along[i] = through;
+                    changed = true;
+                }
+            }
+        }
+        if !changed {
+            break;
+        }
+    }
+    (0..cage_of_node.len())
+        .filter(|&i| along[i] >= VESTIBULE_MM.0 && along[i] < VESTIBULE_MM.1)
+        .filter(|&i| {
+            let v = cage_of_node[i] as usize;
+            let pure = cage.jaw[v] > 0.9 || cage.jaw[v] < 0.1;
+            pure && positions[v][0].abs() < corner - VESTIBULE_CORNER_MM
+        })
+        .collect()
 }

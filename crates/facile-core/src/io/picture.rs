@@ -109,7 +109,7 @@ pub(crate) fn encode_texture(
     );
     match packing {
         Packing::Png => {
-            PngEncoder::new_with_quality(&mut bytes, CompressionType::Default, FilterType::Adaptive)
+            PngEncoder::new_with_quality(&mut bytes, CompressionType::Fast, FilterType::Adaptive)
                 .write_image(data, width, height, Rgb8)
         }
         Packing::Jpeg(quality) => {

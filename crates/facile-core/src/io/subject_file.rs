@@ -57,8 +57,9 @@ impl Subject {
     /// The bytes of [`Subject::save`]; `path` is only used in errors.
     ///
     /// # Errors
-    /// [`CoreError::SizeMismatch`] if the subject does not belong to this head.
+    /// [`CoreError::SizeMismatch`] or [`CoreError::Mesh`] if the subject does not belong to this head.
     pub fn to_glb(&self, path: &Path, reference: &ReferenceHead) -> Result<Vec<u8>, CoreError> {
+        self.check(path, reference)?;
         let record = self.record(reference);
         let mut parts = self.part_meshes(reference);
         parts.insert(0, ("head", self.mesh(reference)));
@@ -158,7 +159,6 @@ impl Subject {
     }
 
     fn check(&self, path: &Path, reference: &ReferenceHead) -> Result<(), CoreError> {
-        self.mesh(reference).validate(path)?;
         let expected = reference.mesh.positions.len();
         for (what, got) in [
             ("vertices of the subject", self.positions.len()),
@@ -172,6 +172,7 @@ impl Subject {
                 });
             }
         }
+        self.mesh(reference).validate(path)?;
         let is_eye = |e: &Eye| e.center.iter().all(|v| v.is_finite()) && e.radius > 0.0;
         if !self.eyes.iter().all(is_eye) {
             return Err(CoreError::format(

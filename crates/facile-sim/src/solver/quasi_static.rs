@@ -15,6 +15,10 @@ use crate::vector::{V3, add, norm, sub};
 
 /// How much looser than the last step the others are solved.
 const PATH_LOOSENESS: f64 = 100.0;
+/// Residual of the first round of multipliers.
+const ROUGH: f64 = 0.02;
+/// Iterations after which the matrix is made anew.
+const REFACTOR_AFTER: usize = 40;
 /// Rounds of multipliers before giving up.
 const MAX_ROUNDS: usize = 40;
 
@@ -105,8 +109,8 @@ impl Stage<'_, '_> {
         let mut energy = self.evaluate(x, &mut gradient);
         let mut iterations = 0;
         let mut lbfgs = Lbfgs::default();
-        // The first rounds need not be exact: multipliers are still wrong.
-        let mut inner = self.tolerance.max(0.02);
+        // Multipliers first: roughly, then exactly once they push with about the right force.
+        let mut inner = self.tolerance.max(ROUGH);
         let mut converged = false;
         for _ in 0..MAX_ROUNDS {
             self.refactor(x)?;
@@ -131,27 +135,26 @@ impl Stage<'_, '_> {
                     stalled = true;
                     break;
                 }
-                if since == 40 {
+                if since == REFACTOR_AFTER {
                     // Contacts that carry have changed by now.
                     self.refactor(x)?;
                     lbfgs.reset();
                     since = 0;
                 }
             }
-            let depth = self
-                .load
-                .contacts
-                .update(x, self.stiffness, self.multipliers);
-            energy = self.evaluate(x, &mut gradient);
-            let now = self.force(&gradient);
-            if now <= self.tolerance && depth <= self.penetration {
+            let depth = self.load.contacts.penetration(x);
+            if self.force(&gradient) <= self.tolerance && depth <= self.penetration {
                 converged = true;
                 break;
             }
-            if iterations >= self.budget || (stalled && inner <= self.tolerance) {
+            if iterations >= self.budget || (stalled && depth <= self.penetration) {
                 break;
             }
-            inner = (0.1 * inner).max(0.5 * self.tolerance);
+            self.load
+                .contacts
+                .update(x, self.stiffness, self.multipliers);
+            energy = self.evaluate(x, &mut gradient);
+            inner = (0.05 * inner).max(self.tolerance);
         }
         let residual = residual(self.load, x, &mut gradient, 0.0);
         Ok(Outcome {

@@ -1,0 +1,169 @@
+//! Transfer error of registrations: how far the same place of two people is apart after both are registered.
+//!
+//! `transfer_error DIR [--pairs N] [--params FILE.json]`, with the files that `bench/peers/ict_scans.py` writes to
+//! DIR. For each reference vertex, the point of truth A nearest to its place on A is carried to truth B; the error is
+//! the distance to its place on B. Prints the mean, median and 95th percentile over all pairs, in mm.
+
+use std::error::Error;
+use std::path::Path;
+use std::time::Instant;
+
+use facile_core::io::load_scan;
+use facile_core::mesh::closest_barycentric;
+use facile_core::{Mesh, Point3, ReferenceHead};
+use facile_flow::{Registrar, RegistrationParams};
+
+/// A scan with the truth it was made from, both registered to the reference.
+struct Person {
+    truth: Mesh,
+    /// Registered fine vertices in the truth's frame, mm.
+    placed: Vec<Point3>,
+    /// Whether each lies in the region that counts.
+    counts: Vec<bool>,
+    /// Nearest triangle of the truth and barycentric weights.
+    on_truth: Vec<(u32, [f64; 3])>,
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let mut args = std::env::args().skip(1);
+    let dir = args
+        .next()
+        .ok_or("usage: transfer_error DIR [--pairs N] [--params FILE]")?;
+    let dir = Path::new(&dir);
+    let mut pairs = usize::MAX;
+    let mut params = RegistrationParams::default();
+    while let (Some(key), Some(value)) = (args.next(), args.next()) {
+        match key.as_str() {
+            "--pairs" => pairs = value.parse()?,
+            "--params" => params = serde_json::from_str(&std::fs::read_to_string(value)?)?,
+            _ => return Err(format!("unknown option {key}").into()),
+        }
+    }
+    params.texture_size = 16;
+    let reference = ReferenceHead::embedded();
+    let registrar = Registrar::new(reference, params)?;
+    let landmarks: Vec<usize> = std::fs::read_to_string(dir.join("landmarks.txt"))?
+        .split_whitespace()
+        .map(str::parse)
+        .collect::<Result<_, _>>()?;
+    let mut people = Vec::new();
+    while dir.join(format!("scan_{}.obj", people.len())).exists() {
+        let k = people.len();
+        let scan = load_scan(&dir.join(format!("scan_{k}.obj")), None)?;
+        let truth = load_scan(&dir.join(format!("truth_{k}.obj")), None)?.mesh;
+        let start = Instant::now();
+        let found = registrar.register(&scan)?;
+        let seconds = start.elapsed().as_secs_f64();
+        let r = &found.report;
+        eprintln!(
+            "{k}: {seconds:.2} s, size {:.3}, rigid {:.2} mm, curvature {:.2}, round trip {:.2}, surface {:.3}, folded {}",
+            r.size,
+            r.rigid_distance_mm,
+            r.curvature_correlation,
+            r.forward_backward_mm,
+            r.surface_distance_mean_mm,
+            r.folded_triangles
+        );
+        let scan_from_head = found.head_from_scan.inverse();
+        let placed = found
+            .subject
+            .positions
+            .iter()
+            .map(|p| scan_from_head * p)
+            .collect();
+        people.push(person(truth, placed, &landmarks));
+    }
+    let (mut all, mut used) = (Vec::new(), 0);
+    for (i, a) in people.iter().enumerate() {
+        for (j, b) in people.iter().enumerate() {
+            if i != j && used < pairs {
+                used += 1;
+                all.extend(transfer(a, b));
+            }
+        }
+    }
+    all.sort_unstable_by(f64::total_cmp);
+    let quantile = |q: f64| all[((all.len() - 1) as f64 * q) as usize];
+    eprintln!(
+        "transfer error over {used} pairs: mean {:.3} median {:.3} p95 {:.3} mm ({} points)",
+        all.iter().sum::<f64>() / all.len() as f64,
+        quantile(0.5),
+        quantile(0.95),
+        all.len()
+    );
+    Ok(())
+}
+
+/// Finds each registered vertex on the truth, and whether it lies in the region that `notes/peers.md` defines: within
+/// 25 mm of a landmark, more than 8 mm from the border, within 4 mm of the surface.
+fn person(truth: Mesh, placed: Vec<Point3>, landmarks: &[usize]) -> Person {
+    let border = border_points(&truth);
+    let spots: Vec<Point3> = landmarks.iter().map(|&v| truth.positions[v]).collect();
+    let centers: Vec<(Point3, f64)> = (0..truth.triangles.len())
+        .map(|t| {
+            let c = truth.corners(t);
+            let center = Point3::from((c[0].coords + c[1].coords + c[2].coords) / 3.0);
+            let radius = c.iter().map(|p| (p - center).norm()).fold(0.0, f64::max);
+            (center, radius)
+        })
+        .collect();
+    let near = |list: &[Point3], p: &Point3, r: f64| list.iter().any(|q| (q - p).norm() < r);
+    let (mut counts, mut on_truth) = (Vec::new(), Vec::new());
+    for p in &placed {
+        if !near(&spots, p, 25.0) || near(&border, p, 8.0) {
+            counts.push(false);
+            on_truth.push((0, [1.0, 0.0, 0.0]));
+            continue;
+        }
+        let mut best = (f64::INFINITY, 0, [1.0, 0.0, 0.0]);
+        for (t, (center, radius)) in centers.iter().enumerate() {
+            if (center - p).norm() - radius > best.0 {
+                continue;
+            }
+            let corners = truth.corners(t);
+            let weights = closest_barycentric(p, &corners);
+            let q = at(&corners, &weights);
+            let distance = (q - p).norm();
+            if distance < best.0 {
+                best = (distance, t as u32, weights);
+            }
+        }
+        counts.push(best.0 < 4.0);
+        on_truth.push((best.1, best.2));
+    }
+    Person {
+        truth,
+        placed,
+        counts,
+        on_truth,
+    }
+}
+
+fn at(corners: &[Point3; 3], w: &[f64; 3]) -> Point3 {
+    Point3::from(corners[0].coords * w[0] + corners[1].coords * w[1] + corners[2].coords * w[2])
+}
+
+fn border_points(mesh: &Mesh) -> Vec<Point3> {
+    let mut edges: Vec<(u32, u32)> = mesh
+        .triangles
+        .iter()
+        .flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)])
+        .map(|(a, b)| (a.min(b), a.max(b)))
+        .collect();
+    edges.sort_unstable();
+    let mut points = Vec::new();
+    for run in edges.chunk_by(|a, b| a == b) {
+        if run.len() == 1 {
+            points.push(mesh.positions[run[0].0 as usize]);
+            points.push(mesh.positions[run[0].1 as usize]);
+        }
+    }
+    points
+}
+
+fn transfer<'a>(a: &'a Person, b: &'a Person) -> impl Iterator<Item = f64> + 'a {
+    (0..a.placed.len()).filter(|&v| a.counts[v]).map(|v| {
+        let (t, weights) = a.on_truth[v];
+        (at(&b.truth.corners(t as usize), &weights) - b.placed[v]).norm()
+    })
+}

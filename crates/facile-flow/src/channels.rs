@@ -1,0 +1,266 @@
+//! The image function of eq. 4: normals, colour, mean and Gaussian curvature over the radial map.
+
+use facile_core::{Mesh, Plane, Vector3};
+use serde::{Deserialize, Serialize};
+
+use crate::blur::{blur, masked_blur};
+use crate::curvature::Curvature;
+use crate::radial_map::RadialMap;
+
+/// Number of channels: `N_x N_y N_z R G B H K`.
+pub const CHANNELS: usize = 8;
+
+/// The weighted channels of one cell: squared, they sum to the `||I||^2` of eq. 4.
+pub type Channels = [f32; CHANNELS];
+
+/// Weights of eq. 4. All are for dimensionless channels of similar size: normals as they are, colour over its standard
+/// deviation, curvature in units of [`ChannelWeights::curvature_unit`].
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ChannelWeights {
+    /// `w_N`, the same for x, y and z.
+    pub normal: f64,
+    /// `w_R`, `w_G`, `w_B`.
+    pub color: f64,
+    /// `w_H`.
+    pub mean_curvature: f64,
+    /// `w_K`.
+    pub gaussian_curvature: f64,
+    /// A curvature that counts as 1, 1/mm; larger ones are compressed, as the brim of an ear would outshout a mouth.
+    pub curvature_unit: f64,
+    /// Variations wider than this, mm, are taken out of normals and colour: they tell faces and lights apart, not
+    /// places on a face. Plain normals pull smooth cheeks by centimetres.
+    pub detail_mm: f64,
+}
+
+impl Default for ChannelWeights {
+    fn default() -> Self {
+        Self {
+            normal: 1.0,
+            color: 0.3,
+            mean_curvature: 0.5,
+            gaussian_curvature: 0.15,
+            curvature_unit: 0.05,
+            detail_mm: 25.0,
+        }
+    }
+}
+
+/// What a surface shows on the cylinder.
+#[derive(Clone, Debug)]
+pub struct CylinderImage {
+    /// Weighted channels; holes are filled smoothly.
+    pub values: Plane<Channels>,
+    /// How much each cell can be trusted, `[0, 1]`; 0 in holes.
+    pub mask: Plane<f32>,
+}
+
+/// Per-vertex input of the channels.
+pub(crate) struct Attributes<'a> {
+    /// Unit normals.
+    pub(crate) normals: &'a [Vector3],
+    /// Curvature of the vertices.
+    pub(crate) curvature: &'a Curvature,
+    /// Linear RGB of every cell, if the surface has colour.
+    pub(crate) color: Option<&'a Plane<[f32; 3]>>,
+}
+
+/// Samples the channels of eq. 4 over a radial map; `trust` in `[0, 1]` is multiplied into the mask.
+pub(crate) fn cylinder_image(
+    mesh: &Mesh,
+    map: &RadialMap,
+    attributes: &Attributes<'_>,
+    trust: impl Fn(u32) -> f32,
+    weights: &ChannelWeights,
+) -> CylinderImage {
+    let (nx, ny) = (map.grid.width, map.grid.height);
+    let curvature: Vec<Vector3> = (attributes.curvature.mean.iter())
+        .zip(&attributes.curvature.gaussian)
+        .map(|(h, k)| {
+            let unit = weights.curvature_unit;
+            Vector3::new(compress(h / unit), compress(k / (unit * unit)), 0.0)
+        })
+        .collect();
+    let mut mask = Plane::filled(nx, ny, 0.0_f32);
+    let mut values = Plane::filled(nx, ny, [0.0_f32; CHANNELS]);
+    for y in 0..ny {
+        for x in 0..nx {
+            let Some(normal) = map.interpolate(&mesh.triangles, attributes.normals, x, y) else {
+                continue;
+            };
+            let normal = outward(normal, map, x);
+            let bend = map
+                .interpolate(&mesh.triangles, &curvature, x, y)
+                .unwrap_or_default();
+            let color = attributes.color.map_or([0.0; 3], |c| c[(x, y)]);
+            mask[(x, y)] = trust(map.triangle[(x, y)]);
+            values[(x, y)] = [
+                normal.x as f32,
+                normal.y as f32,
+                normal.z as f32,
+                color[0],
+                color[1],
+                color[2],
+                bend.x as f32,
+                bend.y as f32,
+            ];
+        }
+    }
+    remove_wide_variation(&mut values, &mask, weights.detail_mm / map.grid.h_step);
+    normalize_color(&mut values, &mask);
+    apply_weights(&mut values, weights);
+    fill_holes(&mut values, &mask);
+    CylinderImage { values, mask }
+}
+
+/// Smooth, odd, bounded by 2: keeps small values as they are.
+fn compress(v: f64) -> f64 {
+    2.0 * libm::tanh(0.5 * v)
+}
+
+/// Unit normal on the side of the axis that the ray leaves to, whatever the orientation of the triangle.
+fn outward(normal: Vector3, map: &RadialMap, x: usize) -> Vector3 {
+    let phi = map.grid.cylinder_from_cell([x as f64, 0.0]).1;
+    let unit = normal.try_normalize(1e-12).unwrap_or_else(Vector3::zeros);
+    if unit.x * libm::sin(phi) + unit.z * libm::cos(phi) < 0.0 {
+        -unit
+    } else {
+        unit
+    }
+}
+
+/// Takes the local mean over `sigma` cells out of normals and colour.
+fn remove_wide_variation(values: &mut Plane<Channels>, mask: &Plane<f32>, sigma: f64) {
+    if sigma <= 0.0 {
+        return;
+    }
+    // A wide blur needs no more than one cell in four.
+    let step = 4;
+    let (nx, ny) = (
+        values.width().div_ceil(step),
+        values.height().div_ceil(step),
+    );
+    let at = |x: usize, y: usize| {
+        (
+            (x * step).min(values.width() - 1),
+            (y * step).min(values.height() - 1),
+        )
+    };
+    let coarse = Plane::from_fn(nx, ny, |x, y| values[at(x, y)]);
+    let coarse_mask = Plane::from_fn(nx, ny, |x, y| mask[at(x, y)]);
+    let wide = masked_blur(&coarse, &coarse_mask, sigma / step as f64);
+    for y in 0..values.height() {
+        for x in 0..values.width() {
+            let mean = bilinear(&wide, x as f32 / step as f32, y as f32 / step as f32);
+            for (value, mean) in values[(x, y)][..6].iter_mut().zip(mean) {
+                *value -= mean;
+            }
+        }
+    }
+}
+
+/// Divides colour by its standard deviation over the mask, so that tone and exposure of the scan do not matter.
+fn normalize_color(values: &mut Plane<Channels>, mask: &Plane<f32>) {
+    let (mut sum, mut weight) = (0.0_f64, 1e-9_f64);
+    for (value, w) in values.as_slice().iter().zip(mask.as_slice()) {
+        let square: f32 = value[3..6].iter().map(|c| c * c).sum();
+        sum += f64::from(square * w);
+        weight += f64::from(*w);
+    }
+    let deviation = (sum / (3.0 * weight)).sqrt();
+    let scale = if deviation > 1e-6 {
+        (1.0 / deviation) as f32
+    } else {
+        0.0
+    };
+    for value in values.as_mut_slice() {
+        for c in &mut value[3..6] {
+            *c = (*c * scale).clamp(-3.0, 3.0) * 0.3;
+        }
+    }
+}
+
+fn apply_weights(values: &mut Plane<Channels>, weights: &ChannelWeights) {
+    let [n, c, h, k] = [
+        weights.normal,
+        weights.color,
+        weights.mean_curvature,
+        weights.gaussian_curvature,
+    ]
+    .map(|w| w.max(0.0).sqrt() as f32);
+    let factors = [n, n, n, c, c, c, h, k];
+    for value in values.as_mut_slice() {
+        for (v, f) in value.iter_mut().zip(factors) {
+            *v *= f;
+        }
+    }
+}
+
+/// Fills cells of little trust with the mean of what is near, so that borders of holes make no gradients.
+fn fill_holes(values: &mut Plane<Channels>, mask: &Plane<f32>) {
+    let near = masked_blur(values, mask, 3.0);
+    let soft = blur(mask, 1.0);
+    for y in 0..values.height() {
+        for x in 0..values.width() {
+            let keep = (soft[(x, y)] * mask[(x, y)]).min(1.0);
+            let (value, fill) = (values[(x, y)], near[(x, y)]);
+            values[(x, y)] = std::array::from_fn(|k| value[k] * keep + fill[k] * (1.0 - keep));
+        }
+    }
+}
+
+/// Bilinear value at a continuous cell position, clamped at the border.
+pub(crate) fn bilinear<const N: usize>(plane: &Plane<[f32; N]>, x: f32, y: f32) -> [f32; N] {
+    let (nx, ny) = (plane.width(), plane.height());
+    let x = x.clamp(0.0, (nx - 1) as f32);
+    let y = y.clamp(0.0, (ny - 1) as f32);
+    let (x0, y0) = (x as usize, y as usize);
+    let (x1, y1) = ((x0 + 1).min(nx - 1), (y0 + 1).min(ny - 1));
+    let (fx, fy) = (x - x0 as f32, y - y0 as f32);
+    let (row0, row1) = (plane.row(y0), plane.row(y1));
+    let (a, b, c, d) = (&row0[x0], &row0[x1], &row1[x0], &row1[x1]);
+    std::array::from_fn(|k| {
+        let low = a[k] + (b[k] - a[k]) * fx;
+        let high = c[k] + (d[k] - c[k]) * fx;
+        low + (high - low) * fy
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_weighted_norm_is_the_sum_of_eq_4() {
+        let weights = ChannelWeights {
+            normal: 2.0,
+            color: 3.0,
+            mean_curvature: 5.0,
+            gaussian_curvature: 7.0,
+            ..ChannelWeights::default()
+        };
+        let mut values = Plane::filled(1, 1, [0.6, 0.0, 0.8, 0.1, 0.2, 0.3, 0.4, 0.5]);
+        apply_weights(&mut values, &weights);
+        let norm: f32 = values.as_slice()[0].iter().map(|v| v * v).sum();
+        let expected = 2.0 + 3.0 * (0.01 + 0.04 + 0.09) + 5.0 * 0.16 + 7.0 * 0.25;
+        assert!((norm - expected).abs() < 1e-5, "{norm} against {expected}");
+    }
+
+    #[test]
+    fn bilinear_reads_between_cells() {
+        let plane = Plane::from_fn(4, 3, |x, y| [x as f32, 10.0 * y as f32]);
+        assert_eq!(bilinear(&plane, 1.25, 0.5), [1.25, 5.0]);
+        assert_eq!(bilinear(&plane, -5.0, 9.0), [0.0, 20.0]);
+    }
+
+    #[test]
+    fn holes_take_the_colour_of_what_is_near() {
+        let mut values = Plane::filled(20, 20, [2.0; CHANNELS]);
+        let mut mask = Plane::filled(20, 20, 1.0_f32);
+        values[(10, 10)] = [-50.0; CHANNELS];
+        mask[(10, 10)] = 0.0;
+        fill_holes(&mut values, &mask);
+        assert!((values[(10, 10)][0] - 2.0).abs() < 1e-4);
+        assert!((values[(11, 10)][3] - 2.0).abs() < 1e-4);
+    }
+}

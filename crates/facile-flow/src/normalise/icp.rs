@@ -1,0 +1,168 @@
+//! Trimmed iterative closest point: places the reference's face on a scan.
+
+use facile_core::{Point3, Similarity3, UnitQuaternion, Vector3};
+use nalgebra::{SMatrix, SVector, Translation3};
+
+use crate::surface::Surface;
+
+/// Points of the reference's face with normals, reference frame.
+pub(crate) struct FacePoints {
+    /// Positions, mm.
+    pub(crate) points: Vec<Point3>,
+    /// Unit normals.
+    pub(crate) normals: Vec<Vector3>,
+}
+
+impl FacePoints {
+    /// Every `step`-th point.
+    pub(crate) fn thinned(&self, count: usize) -> Self {
+        let step = self.points.len().div_ceil(count.max(1)).max(1);
+        Self {
+            points: self.points.iter().copied().step_by(step).collect(),
+            normals: self.normals.iter().copied().step_by(step).collect(),
+        }
+    }
+}
+
+/// How well a pose fits.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PoseScore {
+    /// Share of the face's points with scan surface that looks the same way within [`REACH`].
+    pub(crate) coverage: f64,
+    /// Root of the mean squared distance, missing points counting [`REACH`], mm.
+    pub(crate) rms: f64,
+}
+
+/// Surface further away than this does not count as the same place, mm.
+pub(crate) const REACH: f64 = 12.0;
+/// Share of the nearest pairs that move the pose; hair, collar and holes take the rest.
+const KEPT: f64 = 0.8;
+/// Standard deviation of the logarithm of head size around the reference's.
+const SIZE_DEVIATION: f64 = 0.06;
+
+/// One pair of the fit: a point of the face, its nearest point on the scan, the scan's normal; scan frame, mm.
+struct Pair {
+    from: Point3,
+    to: Point3,
+    normal: Vector3,
+    distance: f64,
+}
+
+fn pairs(
+    face: &FacePoints,
+    scan: &Surface,
+    pose: &Similarity3,
+    reach: f64,
+) -> impl Iterator<Item = Option<Pair>> {
+    (face.points.iter()).zip(&face.normals).map(move |(p, n)| {
+        let from = pose * p;
+        let hit = scan.nearest(&from, reach)?;
+        let normal = scan.normal(&hit);
+        if normal.dot(&(pose.isometry.rotation * n)) < 0.5 {
+            return None;
+        }
+        let distance = (hit.point - from).norm();
+        Some(Pair {
+            from,
+            to: hit.point,
+            normal,
+            distance,
+        })
+    })
+}
+
+/// Scores a pose. Cost O(n log m).
+pub(crate) fn score(face: &FacePoints, scan: &Surface, pose: &Similarity3) -> PoseScore {
+    let (mut found, mut square, mut total) = (0.0, 0.0, 0.0);
+    for pair in pairs(face, scan, pose, REACH) {
+        total += 1.0;
+        let distance = pair.map_or(REACH, |p| {
+            found += 1.0;
+            p.distance
+        });
+        square += distance * distance;
+    }
+    let total = f64::max(total, 1.0);
+    PoseScore {
+        coverage: found / total,
+        rms: (square / total).sqrt(),
+    }
+}
+
+/// Improves a pose (scan from reference, mm) by `iterations` steps of point-to-plane distances, each with the nearest
+/// 80 % of the pairs. The size is held near 1 by what is known of heads. Cost O(iterations n log m).
+///
+/// Source: Chen and Medioni 1992 (planes); Chetverikov et al. 2002 (trimming).
+pub(crate) fn refine(
+    face: &FacePoints,
+    scan: &Surface,
+    mut pose: Similarity3,
+    iterations: usize,
+    reach: f64,
+) -> Similarity3 {
+    for k in 0..iterations {
+        // Look far at first, nearer once the pose is good.
+        let reach = reach * (1.0 - 0.6 * k as f64 / iterations as f64);
+        let mut matched: Vec<Pair> = pairs(face, scan, &pose, reach).flatten().collect();
+        if matched.len() < 12 {
+            return pose;
+        }
+        matched.sort_by(|a, b| a.distance.total_cmp(&b.distance));
+        matched.truncate((matched.len() as f64 * KEPT).ceil() as usize);
+        let Some(step) = gauss_newton_step(&matched, &pose) else {
+            return pose;
+        };
+        pose = step;
+    }
+    pose
+}
+
+/// Least-squares step of rotation, translation and size about the pairs' centre.
+fn gauss_newton_step(pairs: &[Pair], pose: &Similarity3) -> Option<Similarity3> {
+    let n = pairs.len() as f64;
+    let center = pairs
+        .iter()
+        .fold(Vector3::zeros(), |s, p| s + p.from.coords)
+        / n;
+    let mut matrix = SMatrix::<f64, 7, 7>::zeros();
+    let mut right = SVector::<f64, 7>::zeros();
+    for pair in pairs {
+        let arm = pair.from.coords - center;
+        let turn = arm.cross(&pair.normal);
+        // Planes slide freely: a little of the plain distance keeps the pose from drifting along flat cheeks.
+        for (axis, weight) in [
+            (pair.normal, 1.0),
+            (Vector3::x(), 0.05),
+            (Vector3::y(), 0.05),
+            (Vector3::z(), 0.05),
+        ] {
+            let turn = if weight < 1.0 { arm.cross(&axis) } else { turn };
+            let row = SVector::<f64, 7>::from([
+                turn.x,
+                turn.y,
+                turn.z,
+                axis.x,
+                axis.y,
+                axis.z,
+                arm.dot(&axis),
+            ]);
+            let residual = axis.dot(&(pair.to - pair.from));
+            matrix += row * row.transpose() * weight;
+            right += row * (residual * weight);
+        }
+    }
+    // Prior of size, with the weight that 2 mm of noise per pair gives it.
+    let prior = n * 4.0 / (SIZE_DEVIATION * SIZE_DEVIATION) / 100.0;
+    matrix[(6, 6)] += prior;
+    right[6] -= prior * libm::log(pose.scaling());
+    let step = matrix.cholesky()?.solve(&right);
+    let rotation = UnitQuaternion::from_scaled_axis(Vector3::new(step[0], step[1], step[2]));
+    let size = step[6].clamp(-0.1, 0.1);
+    let shift = Vector3::new(step[3], step[4], step[5]);
+    let about_center = Similarity3::from_parts(
+        Translation3::from(center + shift),
+        rotation,
+        libm::exp(size),
+    ) * Translation3::from(-center);
+    Some(about_center * pose)
+}

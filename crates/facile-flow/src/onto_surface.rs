@@ -1,0 +1,145 @@
+//! The last step: the fitted template ends on the scan's surface where that can be trusted.
+//!
+//! First the cage moves along the normals towards the nearest scan points, with ever shorter smoothing; then each fine
+//! vertex takes the small offset that is left, along its normal. Neither slides along the surface, so the
+//! correspondence of the flow stays. Vertices without a trustworthy point nearby take their neighbours' offsets,
+//! fading with distance. Folds that a step makes are smoothed away before it counts.
+
+use facile_core::{Point3, Vector3};
+
+use crate::cage::Target;
+use crate::scan::WorkingScan;
+use crate::template::Template;
+use crate::{FlowError, RegistrationParams};
+
+/// Scan surface further away than this is not the template's, mm, in the first step; it halves by the last.
+const REACH: f64 = 8.0;
+/// Cosine between the template's and the scan's normal from which they are the same surface.
+const SAME_SIDE: f64 = 0.5;
+/// Largest offset of a single fine vertex, mm.
+const MAX_OFFSET: f64 = 2.5;
+
+/// The registered surface.
+pub(crate) struct Settled {
+    /// Fine positions, mm.
+    pub(crate) positions: Vec<Point3>,
+    /// Distance to the scan along the normal before the last offset, mm; `None` where there is nothing to trust.
+    pub(crate) residual: Vec<Option<f64>>,
+}
+
+/// A trusted point of the scan for a fine vertex.
+struct Offset {
+    /// Signed distance along the vertex's normal, mm.
+    offset: f64,
+    /// `[0, 1]`.
+    weight: f64,
+}
+
+/// Moves the cage onto the scan and returns the fine surface on it.
+pub(crate) fn settle(
+    template: &Template<'_>,
+    scan: &WorkingScan<'_>,
+    cage: &mut [Vector3],
+    params: &RegistrationParams,
+) -> Result<Settled, FlowError> {
+    let steps = params.surface_smoothing_mm.len().max(1) as f64;
+    for (k, &length) in params.surface_smoothing_mm.iter().enumerate() {
+        let reach = REACH * (1.0 - 0.5 * k as f64 / steps);
+        let fine = template.fine(cage);
+        let normals = facile_core::mesh::vertex_normals(&fine, &template.reference.mesh.triangles);
+        let contacts = contacts(template, scan, &fine, &normals, reach);
+        let targets: Vec<Target> = contacts
+            .iter()
+            .enumerate()
+            .filter_map(|(v, contact)| {
+                let contact = contact.as_ref()?;
+                Some(Target {
+                    vertex: v as u32,
+                    displacement: normals[v] * contact.offset,
+                    weight: contact.weight * template.areas[v],
+                })
+            })
+            .collect();
+        let step = template
+            .cage_fit
+            .solve(template.reference, &targets, length)?;
+        for (p, d) in cage.iter_mut().zip(step) {
+            *p += d;
+        }
+    }
+    let fine = template.fine(cage);
+    let normals = facile_core::mesh::vertex_normals(&fine, &template.reference.mesh.triangles);
+    let found = contacts(template, scan, &fine, &normals, MAX_OFFSET);
+    let offsets = spread_offsets(template, &found);
+    let positions = fine
+        .iter()
+        .zip(&normals)
+        .zip(&offsets)
+        .map(|((p, n), o)| p + n * *o)
+        .collect();
+    Ok(Settled {
+        positions,
+        residual: found
+            .iter()
+            .map(|c| c.as_ref().map(|c| c.offset.abs()))
+            .collect(),
+    })
+}
+
+/// The scan's trusted point for every fine vertex.
+fn contacts(
+    template: &Template<'_>,
+    scan: &WorkingScan<'_>,
+    fine: &[Point3],
+    normals: &[Vector3],
+    reach: f64,
+) -> Vec<Option<Offset>> {
+    let one = |v: usize| {
+        if template.skin[v] <= 0.0 {
+            return None;
+        }
+        let hit = scan.nearest(&fine[v], reach)?;
+        let same = hit.normal.dot(&normals[v]);
+        if same < SAME_SIDE || scan.is_on_border(&hit) {
+            return None;
+        }
+        let offset = normals[v].dot(&(hit.point - fine[v]));
+        let far = offset.abs() / reach;
+        Some(Offset {
+            offset,
+            weight: template.skin[v]
+                * ((same - SAME_SIDE) / (1.0 - SAME_SIDE)).min(1.0)
+                * (1.0 - far * far),
+        })
+    };
+    use rayon::prelude::*;
+    (0..fine.len()).into_par_iter().map(one).collect()
+}
+
+/// Offsets of all fine vertices: trusted ones keep theirs, lightly smoothed; others take their neighbours', fading.
+fn spread_offsets(template: &Template<'_>, contacts: &[Option<Offset>]) -> Vec<f64> {
+    /// Pull of a trusted vertex to its own offset against each neighbour's.
+    const OWN: f64 = 4.0;
+    /// Pull of any vertex to no offset against each neighbour's: fades within about four rings.
+    const FADE: f64 = 0.4;
+    const SWEEPS: usize = 24;
+    let mut offsets: Vec<f64> = contacts
+        .iter()
+        .map(|c| c.as_ref().map_or(0.0, |c| c.offset))
+        .collect();
+    for _ in 0..SWEEPS {
+        for v in 0..offsets.len() {
+            let neighbors = template.adjacency.of(v);
+            let sum: f64 = neighbors.iter().map(|u| offsets[*u as usize]).sum();
+            let count = neighbors.len() as f64;
+            let (own, pull) = match &contacts[v] {
+                Some(c) => (c.offset, OWN * count * c.weight.max(0.05)),
+                None => (0.0, FADE * count),
+            };
+            if count > 0.0 {
+                offsets[v] = (sum + pull * own) / (count + pull);
+            }
+        }
+    }
+    offsets
+}

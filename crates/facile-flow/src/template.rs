@@ -1,0 +1,152 @@
+//! What the registration needs to know of a reference head, prepared once for many scans.
+
+use facile_core::{Mesh, Plane, Point3, ReferenceHead, Segment, Vector3};
+
+use crate::FlowError;
+use crate::adjacency::Adjacency;
+use crate::cage::CageFit;
+use crate::channels::{Attributes, ChannelWeights, CylinderImage, cylinder_image};
+use crate::curvature::vertex_curvature;
+use crate::radial_map::{CylinderGrid, HOLE, RadialMap, visible_vertices};
+
+/// A vertex this far below the outermost surface is hidden, mm.
+const VISIBLE_SLACK: f64 = 1.5;
+
+/// A reference head with its operators and masks.
+pub(crate) struct Template<'a> {
+    pub(crate) reference: &'a ReferenceHead,
+    pub(crate) cage_fit: CageFit,
+    /// Neighbours on the fine mesh.
+    pub(crate) adjacency: Adjacency,
+    /// How far each fine triangle takes part in the flow, `[0, 1]`.
+    pub(crate) flow_trust: Vec<f32>,
+    /// How far each fine vertex may be drawn to the scan's surface, `[0, 1]`: 0 inside mouth and sockets.
+    pub(crate) skin: Vec<f64>,
+    /// Area of each fine vertex, mm^2.
+    pub(crate) areas: Vec<f64>,
+    /// Linear RGB at each fine vertex, from the mean texture.
+    pub(crate) colors: Vec<Vector3>,
+}
+
+impl<'a> Template<'a> {
+    pub(crate) fn new(reference: &'a ReferenceHead) -> Result<Self, FlowError> {
+        let mesh = &reference.mesh;
+        let flow_trust = mesh
+            .segments
+            .iter()
+            .map(|s| match s {
+                Segment::InnerMouth | Segment::EyeSocket => 0.0,
+                Segment::Scalp | Segment::LeftEar | Segment::RightEar => 0.3,
+                Segment::Neck => 0.5,
+                _ => 1.0,
+            })
+            .collect();
+        let mut skin = vec![1.0; mesh.positions.len()];
+        for (triangle, segment) in mesh.triangles.iter().zip(&mesh.segments) {
+            if matches!(segment, Segment::InnerMouth | Segment::EyeSocket) {
+                for &v in triangle {
+                    skin[v as usize] = 0.0;
+                }
+            }
+        }
+        Ok(Self {
+            reference,
+            cage_fit: CageFit::new(reference)?,
+            adjacency: Adjacency::from_triangles(mesh.positions.len(), &mesh.triangles),
+            flow_trust,
+            skin,
+            areas: vertex_areas(&mesh.positions, &mesh.triangles),
+            colors: vertex_colors(reference),
+        })
+    }
+
+    /// Positions of the fine vertices from those of the cage.
+    pub(crate) fn fine(&self, cage: &[Vector3]) -> Vec<Point3> {
+        let stencils = &self.reference.subdivision.stencils;
+        stencils
+            .apply(cage, Vector3::zeros())
+            .into_iter()
+            .map(Point3::from)
+            .collect()
+    }
+
+    /// The template in a shape, as the cylinder shows it.
+    pub(crate) fn view(
+        &self,
+        positions: Vec<Point3>,
+        grid: CylinderGrid,
+        weights: &ChannelWeights,
+        curvature_sigma: f64,
+        with_color: bool,
+    ) -> TemplateView {
+        let mesh = Mesh {
+            positions,
+            triangles: self.reference.mesh.triangles.clone(),
+            ..Mesh::default()
+        };
+        let normals = mesh.vertex_normals();
+        let map = RadialMap::cast(&mesh.positions, &mesh.triangles, grid);
+        let visible = visible_vertices(&map, &mesh.positions, VISIBLE_SLACK);
+        let curvature = vertex_curvature(&mesh, &normals, curvature_sigma);
+        let color = with_color.then(|| {
+            Plane::from_fn(grid.width, grid.height, |x, y| {
+                map.interpolate(&mesh.triangles, &self.colors, x, y)
+                    .map_or([0.0; 3], |c| [c.x as f32, c.y as f32, c.z as f32])
+            })
+        });
+        let attributes = Attributes {
+            normals: &normals,
+            curvature: &curvature,
+            color: color.as_ref(),
+        };
+        let trust = |t: u32| {
+            if t == HOLE {
+                0.0
+            } else {
+                self.flow_trust[t as usize]
+            }
+        };
+        let image = cylinder_image(&mesh, &map, &attributes, trust, weights);
+        TemplateView {
+            mesh,
+            normals,
+            visible,
+            image,
+            mean_curvature: curvature.mean,
+        }
+    }
+}
+
+/// The template in one shape.
+pub(crate) struct TemplateView {
+    pub(crate) mesh: Mesh,
+    pub(crate) normals: Vec<Vector3>,
+    pub(crate) visible: Vec<bool>,
+    pub(crate) image: CylinderImage,
+    pub(crate) mean_curvature: Vec<f64>,
+}
+
+/// A third of the area of each vertex's triangles, mm^2.
+pub(crate) fn vertex_areas(positions: &[Point3], triangles: &[[u32; 3]]) -> Vec<f64> {
+    let mut areas = vec![0.0; positions.len()];
+    for t in triangles {
+        let [a, b, c] = t.map(|v| positions[v as usize]);
+        let area = 0.5 * (b - a).cross(&(c - a)).norm();
+        for &v in t {
+            areas[v as usize] += area / 3.0;
+        }
+    }
+    areas
+}
+
+fn vertex_colors(reference: &ReferenceHead) -> Vec<Vector3> {
+    let mesh = &reference.mesh;
+    let mut colors = vec![Vector3::zeros(); mesh.positions.len()];
+    for (corners, texcoords) in mesh.triangles.iter().zip(&mesh.texcoord_triangles) {
+        for (v, t) in corners.iter().zip(texcoords) {
+            let rgb = reference.texture.sample(mesh.texcoords[*t as usize]);
+            colors[*v as usize] = Vector3::from(rgb.map(f64::from));
+        }
+    }
+    colors
+}

@@ -1,0 +1,301 @@
+//! The subject's skin in the reference UV, from the scan's colours.
+//!
+//! Every texel belongs to a point of the fine mesh; its colour is that of the nearest scan surface that looks the same
+//! way. What the scan does not show (holes, behind the ears, hair in front of the scalp) keeps the detail of the mean
+//! texture in the scan's tone: the ratio of scan to mean colour is smoothed over the mesh, spread into what is unseen,
+//! and multiplied in, so that no seam shows and no colour is smeared. The slit between the lids, the sockets and the
+//! inside of the mouth always come from the mean texture: scans have the eyes painted on the surface.
+
+use facile_core::color::srgb8_from_linear;
+use facile_core::{Plane, Point3, Segment, Texture, Vector3};
+use rayon::prelude::*;
+
+use crate::scan::WorkingScan;
+use crate::template::Template;
+
+/// Scan surface further from the registered skin than this lends no colour, mm.
+const REACH: f64 = 3.0;
+/// Cosine between the normals of skin and scan from which the colour is trusted.
+const SAME_SIDE: f64 = 0.6;
+/// Rings of fine vertices around the lids' slit that scans paint with eyeball.
+const SLIT_RINGS: u32 = 2;
+/// Sweeps that spread the tone over the mesh.
+const TONE_SWEEPS: usize = 60;
+/// Darkest linear value in ratios of colours.
+const DARK: f64 = 0.004;
+
+/// Where each texel lies on the fine mesh.
+pub(crate) struct TexelMap {
+    /// Triangle of each texel's centre, or `u32::MAX`.
+    triangle: Plane<u32>,
+    /// Weights of the second and third corner.
+    weights: Plane<[f32; 2]>,
+}
+
+impl TexelMap {
+    /// Rasterises the texture coordinates of the template at `size` x `size`; texels up to 2 outside a triangle take
+    /// the nearest, so that bilinear sampling finds colour across the charts' borders.
+    pub(crate) fn new(template: &Template<'_>, size: usize) -> Self {
+        let mesh = &template.reference.mesh;
+        let mut map = Self {
+            triangle: Plane::filled(size, size, u32::MAX),
+            weights: Plane::filled(size, size, [0.0; 2]),
+        };
+        let n = size as f64;
+        let mut gap = Plane::filled(size, size, f64::INFINITY);
+        for (t, corners) in mesh.texcoord_triangles.iter().enumerate() {
+            let [a, b, c] = corners.map(|i| {
+                let [u, v] = mesh.texcoords[i as usize].map(f64::from);
+                [u * n - 0.5, (1.0 - v) * n - 0.5]
+            });
+            let area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
+            if area.abs() < 1e-12 {
+                continue;
+            }
+            let range = |k: usize| {
+                let low = a[k].min(b[k]).min(c[k]) - 2.0;
+                let high = a[k].max(b[k]).max(c[k]) + 2.0;
+                low.ceil().max(0.0) as usize..=(high.floor().min(n - 1.0)).max(0.0) as usize
+            };
+            for y in range(1) {
+                for x in range(0) {
+                    let (px, py) = (x as f64 - a[0], y as f64 - a[1]);
+                    let v = (px * (c[1] - a[1]) - py * (c[0] - a[0])) / area;
+                    let w = ((b[0] - a[0]) * py - (b[1] - a[1]) * px) / area;
+                    let (v, w, outside) = clamp_to_triangle(v, w, [a, b, c], [x as f64, y as f64]);
+                    if outside <= 2.0 && outside < gap[(x, y)] {
+                        gap[(x, y)] = outside;
+                        map.triangle[(x, y)] = t as u32;
+                        map.weights[(x, y)] = [v as f32, w as f32];
+                    }
+                }
+            }
+        }
+        map
+    }
+}
+
+/// Weights moved into the triangle, and by how many texels.
+fn clamp_to_triangle(v: f64, w: f64, [a, b, c]: [[f64; 2]; 3], at: [f64; 2]) -> (f64, f64, f64) {
+    if v >= 0.0 && w >= 0.0 && v + w <= 1.0 {
+        return (v, w, 0.0);
+    }
+    let lift = |p: [f64; 2]| Point3::new(p[0], p[1], 0.0);
+    let corners = [lift(a), lift(b), lift(c)];
+    let [u, v, w] = facile_core::mesh::closest_barycentric(&lift(at), &corners);
+    let near = corners[0].coords * u + corners[1].coords * v + corners[2].coords * w;
+    (v, w, (near - lift(at).coords).norm())
+}
+
+/// A colour found on the scan, linear, with trust in `[0, 1]`.
+#[derive(Clone, Copy, Default)]
+struct Found {
+    color: Vector3,
+    trust: f64,
+}
+
+/// Bakes the subject's texture of `size` texels a side; without colour in the scan it is the mean texture.
+pub(crate) fn bake(
+    template: &Template<'_>,
+    scan: &WorkingScan<'_>,
+    positions: &[Point3],
+    size: usize,
+) -> Texture {
+    let map = TexelMap::new(template, size);
+    let reference = template.reference;
+    if !scan.has_color() {
+        return resample(&reference.texture, size);
+    }
+    let allowed = allowed_vertices(template);
+    let normals = facile_core::mesh::vertex_normals(positions, &reference.mesh.triangles);
+    let border = crate::adjacency::Adjacency::from_triangles(
+        scan.mesh.positions.len(),
+        &scan.mesh.triangles,
+    )
+    .rings_from_border(2);
+    let lookup = Lookup {
+        scan,
+        near_border: &border,
+    };
+    // Colours at the vertices give the tone.
+    let at_vertices: Vec<Found> = (0..positions.len())
+        .into_par_iter()
+        .map(|v| {
+            if allowed[v] <= 0.0 {
+                return Found::default();
+            }
+            lookup.find(&positions[v], &normals[v])
+        })
+        .collect();
+    let (tone, trust) = tone(template, &at_vertices, &allowed);
+    let rows: Vec<Vec<[u8; 3]>> = (0..size)
+        .into_par_iter()
+        .map(|y| {
+            (0..size)
+                .map(|x| {
+                    let uv = [
+                        (x as f32 + 0.5) / size as f32,
+                        1.0 - (y as f32 + 0.5) / size as f32,
+                    ];
+                    let mean = Vector3::from(reference.texture.sample(uv).map(f64::from));
+                    let t = map.triangle[(x, y)];
+                    if t == u32::MAX {
+                        return encode(mean);
+                    }
+                    let corners = reference.mesh.triangles[t as usize].map(|i| i as usize);
+                    let [v, w] = map.weights[(x, y)].map(f64::from);
+                    let share = [1.0 - v - w, v, w];
+                    let filled = mean.component_mul(&mix(&corners, &share, |i| tone[i]));
+                    let own = mix(&corners, &share, |i| Vector3::repeat(trust[i])).x;
+                    if own <= 0.0 {
+                        return encode(filled);
+                    }
+                    let at = Point3::from(mix(&corners, &share, |i| positions[i].coords));
+                    let normal = mix(&corners, &share, |i| normals[i]);
+                    let found = lookup.find(&at, &normal);
+                    let own = own * found.trust;
+                    encode(filled * (1.0 - own) + found.color * own)
+                })
+                .collect()
+        })
+        .collect();
+    Texture::new(size, size, rows.into_iter().flatten().collect())
+}
+
+fn mix(corners: &[usize; 3], share: &[f64; 3], value: impl Fn(usize) -> Vector3) -> Vector3 {
+    value(corners[0]) * share[0] + value(corners[1]) * share[1] + value(corners[2]) * share[2]
+}
+
+fn encode(linear: Vector3) -> [u8; 3] {
+    [0, 1, 2].map(|k| srgb8_from_linear(linear[k] as f32))
+}
+
+fn resample(texture: &Texture, size: usize) -> Texture {
+    let texels = (0..size * size)
+        .map(|i| {
+            let (x, y) = (i % size, i / size);
+            let uv = [
+                (x as f32 + 0.5) / size as f32,
+                1.0 - (y as f32 + 0.5) / size as f32,
+            ];
+            texture.sample(uv).map(srgb8_from_linear)
+        })
+        .collect();
+    Texture::new(size, size, texels)
+}
+
+/// Finds colours on the scan.
+struct Lookup<'a, 'b> {
+    scan: &'a WorkingScan<'b>,
+    /// `[0, 1]` per scan vertex: 0 on borders, whose texture is often background.
+    near_border: &'a [f64],
+}
+
+impl Lookup<'_, '_> {
+    fn find(&self, at: &Point3, normal: &Vector3) -> Found {
+        let Some(hit) = self.scan.nearest(at, REACH) else {
+            return Found::default();
+        };
+        let Some(color) = self.scan.color(hit.triangle, hit.barycentric) else {
+            return Found::default();
+        };
+        let length = normal.norm().max(1e-12);
+        let same = hit.normal.dot(normal) / length;
+        let corners = self.scan.mesh.triangles[hit.triangle as usize];
+        let inside: f64 = (0..3)
+            .map(|k| hit.barycentric[k] * self.near_border[corners[k] as usize])
+            .sum();
+        let distance = (hit.point - at).norm();
+        let ramp = |v: f64| v.clamp(0.0, 1.0);
+        Found {
+            color: Vector3::from(color.map(f64::from)),
+            trust: ramp((same - SAME_SIDE) / 0.2)
+                * ramp((REACH - distance) / (0.5 * REACH))
+                * inside,
+        }
+    }
+}
+
+/// Vertices that may take the scan's colour: not inside mouth and sockets, not at the lids' slit.
+fn allowed_vertices(template: &Template<'_>) -> Vec<f64> {
+    let mesh = &template.reference.mesh;
+    let mut socket = vec![false; mesh.positions.len()];
+    for (t, s) in mesh.triangles.iter().zip(&mesh.segments) {
+        if *s == Segment::EyeSocket {
+            for &v in t {
+                socket[v as usize] = true;
+            }
+        }
+    }
+    let seeds = (0..socket.len()).filter(|&v| socket[v]);
+    let rings = template.adjacency.rings_from(seeds, SLIT_RINGS + 1);
+    (0..socket.len())
+        .map(|v| {
+            let slit = if rings[v] <= SLIT_RINGS { 0.0 } else { 1.0 };
+            template.skin[v].min(slit)
+        })
+        .collect()
+}
+
+/// Ratio of the scan's to the mean colour at every vertex, smooth, and the trust in the scan's colour, smooth.
+fn tone(template: &Template<'_>, found: &[Found], allowed: &[f64]) -> (Vec<Vector3>, Vec<f64>) {
+    let n = found.len();
+    let known: Vec<f64> = (0..n).map(|v| found[v].trust * allowed[v]).collect();
+    let log_ratio: Vec<Vector3> = (0..n)
+        .map(|v| {
+            let (own, mean) = (found[v].color, template.colors[v]);
+            Vector3::from_fn(|k, _| {
+                libm::log((own[k].max(0.0) + DARK) / (mean[k].max(0.0) + DARK)).clamp(-2.5, 2.5)
+            })
+        })
+        .collect();
+    let ratio = spread(template, &log_ratio, &known)
+        .into_iter()
+        .map(|r| r.map(libm::exp))
+        .collect();
+    // A vertex counts as seen if its neighbours are, so that single holes do not speckle; fading into the unseen.
+    let mut trust = known;
+    for _ in 0..3 {
+        trust = (0..n)
+            .map(|v| {
+                let neighbors = template.adjacency.of(v);
+                let sum: f64 = neighbors.iter().map(|u| trust[*u as usize]).sum();
+                let mean = sum / neighbors.len().max(1) as f64;
+                mean.min(trust[v]).min(allowed[v])
+            })
+            .collect();
+    }
+    (ratio, trust)
+}
+
+/// Smooth values everywhere from values known at some vertices: the robust mean of the known ones is the start, then
+/// neighbours are averaged.
+fn spread(template: &Template<'_>, values: &[Vector3], known: &[f64]) -> Vec<Vector3> {
+    let n = values.len();
+    let weight = |v: usize| known[v] * template.areas[v];
+    let total: f64 = (0..n).map(weight).sum();
+    let mean = if total > 1.0 {
+        (0..n).fold(Vector3::zeros(), |s, v| s + values[v] * weight(v)) / total
+    } else {
+        Vector3::zeros()
+    };
+    let mut smooth: Vec<Vector3> = (0..n)
+        .map(|v| mean + (values[v] - mean) * known[v])
+        .collect();
+    for _ in 0..TONE_SWEEPS {
+        for v in 0..n {
+            let neighbors = template.adjacency.of(v);
+            let sum = neighbors
+                .iter()
+                .fold(Vector3::zeros(), |s, u| s + smooth[*u as usize]);
+            let count = neighbors.len() as f64;
+            let own = 0.1 * count * known[v];
+            // A weak pull to the mean tone: what is far from all colour gets it.
+            let rest = 0.002 * count;
+            if count > 0.0 {
+                smooth[v] = (sum + values[v] * own + mean * rest) / (count + own + rest);
+            }
+        }
+    }
+    smooth
+}
