@@ -1,8 +1,8 @@
 //! The pinhole camera.
 //!
-//! Axes as in OpenCV: `x` right, `y` down, `z` forward, `x_in_camera = R x_in_world + t`, pixel = `K x_in_camera`.
+//! Axes as in `OpenCV`: `x` right, `y` down, `z` forward, `x_in_camera = R x_in_world + t`, pixel = `K x_in_camera`.
 //! Pixel `(i, j)` covers `[i, i + 1) x [j, j + 1)` from the upper left corner and its centre is `(i + 0.5, j + 0.5)`.
-//! OpenCV itself puts pixel centres at whole numbers: subtract 0.5 from `K`'s principal point to compare with it.
+//! `OpenCV` itself puts pixel centres at whole numbers: subtract 0.5 from `K`'s principal point to compare with it.
 
 use facile_core::{Matrix3, Point3, Vector3};
 
@@ -207,10 +207,8 @@ impl Camera {
                 let Some((px, _)) = self.project(&point) else {
                     return Some([0, 0, self.width, self.height]);
                 };
-                for k in 0..2 {
-                    low[k] = low[k].min(px[k]);
-                    high[k] = high[k].max(px[k]);
-                }
+                low = std::array::from_fn(|k| low[k].min(px[k]));
+                high = std::array::from_fn(|k| high[k].max(px[k]));
             }
         }
         // A pixel of margin pays for the rounding of rays to f32

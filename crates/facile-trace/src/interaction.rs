@@ -67,10 +67,10 @@ impl<'a> Interaction<'a> {
 /// Source: Hanika, Hacking the Shadow Terminator, Ray Tracing Gems II, 2021.
 fn lift(position: Vec3, corners: &[Vec3; 3], normals: &[Vec3; 3], weights: &[f32; 3]) -> Vec3 {
     let mut lifted = position;
-    for k in 0..3 {
-        let depth = (position - corners[k]).dot(&normals[k]);
+    for ((corner, normal), weight) in corners.iter().zip(normals).zip(weights) {
+        let depth = (position - corner).dot(normal);
         if depth < 0.0 {
-            lifted -= normals[k] * (depth * weights[k]);
+            lifted -= normal * (depth * weight);
         }
     }
     lifted

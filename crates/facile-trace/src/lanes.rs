@@ -1,6 +1,10 @@
 //! Eight `f32` at a time, in plain Rust that the compiler turns into vector instructions.
 //!
 //! Every operation is one IEEE operation per lane, never fused, so results are the same bits at any vector width.
+#![expect(
+    clippy::inline_always,
+    reason = "the kernels must become one function to stay in vector registers"
+)]
 
 use std::array::from_fn;
 use std::ops::{Add, BitAnd, BitOr, Mul, Not, Sub};

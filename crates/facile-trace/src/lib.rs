@@ -5,7 +5,7 @@
 //! a [`Rendering`] ([`View::shade`]); one view serves any number of lights. Geometry is `f32` here, mm, `y` up. The
 //! result depends on the input alone: not on threads, nor on the processor's vector width.
 //!
-//! Read [`view`] first, then [`whitted`](crate::material), [`bvh`] and [`triangle`].
+//! Read [`view`] first, then [`material`], [`bvh`] and [`triangle`].
 
 pub mod bvh;
 pub mod camera;

@@ -3,6 +3,10 @@
 //! The same tests in the same order of operations as [`crate::triangle`] and [`crate::bvh`], so that each lane gives the
 //! bits of the scalar query. A packet's rays share the axis that the watertight test shears along; [`split`] sorts rays
 //! into packets by it.
+#![expect(
+    clippy::inline_always,
+    reason = "the kernels must become one function to stay in vector registers"
+)]
 
 use crate::bvh::{Bvh, FAR_SLACK, MAX_DEPTH, Node, inverse_direction};
 use crate::lanes::{F8, LANES, M8};

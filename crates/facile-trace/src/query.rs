@@ -2,6 +2,10 @@
 //!
 //! Rays go through each object's tree in packets of eight. The answers are those of the one-ray queries of
 //! [`crate::scene`], bit for bit.
+#![expect(
+    clippy::inline_always,
+    reason = "the kernels must become one function to stay in vector registers"
+)]
 
 use crate::bvh::Node;
 use crate::lanes::{F8, LANES, M8};

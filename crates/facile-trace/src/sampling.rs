@@ -40,13 +40,15 @@ pub const ADAPTIVE_SAMPLES: u32 = 16;
 /// Difference of two neighbours, in steps of 8-bit sRGB, from which both are sampled more often.
 pub const CONTRAST_LIMIT: u8 = 8;
 
+/// The golden ratio's fraction: its multiples spread most evenly over the unit interval.
+const GOLDEN: f64 = 0.618_033_988_749_894_9;
+
 /// Place of sample `index` of `count` in its pixel, each coordinate in `(0, 1)`. One sample is the centre; more lie on a
 /// golden-ratio lattice, so that every one has a column of its own and rows are evenly spread.
 pub fn sample_offset(index: u32, count: u32) -> [f64; 2] {
     if count <= 1 {
         return [0.5; 2];
     }
-    const GOLDEN: f64 = 0.618_033_988_749_894_9;
     let x = (f64::from(index) + 0.5) / f64::from(count);
     let y = 0.5 + f64::from(index) * GOLDEN;
     [x, fract(y)]

@@ -207,7 +207,7 @@ fn refitted_trees_hit_what_rebuilt_trees_hit() {
     assert_eq!(a, b);
     let [refitted, rebuilt] = [&refitted, &rebuilt].map(|s| s.objects()[0].clone());
     assert_eq!(refitted.geometry().normals(), rebuilt.geometry().normals());
-    assert!(refitted.bvh().wear() > 1.0 && rebuilt.bvh().wear() == 1.0);
+    assert!(refitted.bvh().wear() > 1.0 && (rebuilt.bvh().wear() - 1.0).abs() < 1e-6);
 }
 
 #[test]

@@ -2,8 +2,8 @@
 //!
 //! [`build`](Bvh::build) asks `obvhs` for the tree (PLOC with reinsertion, no spatial splits), then lays it out anew:
 //! children behind their parents and side by side, triangles copied in leaf order. [`refit`](Bvh::refit) moves boxes
-//! and triangles in place when vertices move. Queries: [`Bvh::closest_hit`] and [`Bvh::any_hit`] for one ray, the
-//! oracle, and the same for packets of eight in [`crate::packet`]. Of two hits at the same distance the triangle of
+//! and triangles in place when vertices move. Queries: `closest_hit` and `any_hit` for one ray, the oracle, and
+//! the same for packets of eight. Of two hits at the same distance the triangle of
 //! lower index wins, so that any order of traversal gives the same answer.
 
 mod build;

@@ -40,15 +40,13 @@ impl Bvh {
 fn leaf_box(corners: &[[Vec3; 3]]) -> ([f32; 3], [f32; 3]) {
     let (mut min, mut max) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
     for p in corners.iter().flatten() {
-        for k in 0..3 {
-            min[k] = min[k].min(p[k]);
-            max[k] = max[k].max(p[k]);
-        }
+        min = std::array::from_fn(|k| min[k].min(p[k]));
+        max = std::array::from_fn(|k| max[k].max(p[k]));
     }
-    for k in 0..3 {
-        let padding = PADDING * min[k].abs().max(max[k].abs()) + f32::MIN_POSITIVE;
-        min[k] -= padding;
-        max[k] += padding;
+    for (low, high) in min.iter_mut().zip(&mut max) {
+        let padding = PADDING * low.abs().max(high.abs()) + f32::MIN_POSITIVE;
+        *low -= padding;
+        *high += padding;
     }
     (min, max)
 }

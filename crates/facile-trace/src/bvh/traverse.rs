@@ -68,7 +68,7 @@ impl Bvh {
                     continue;
                 };
                 let triangle = tree.triangle_ids[slot];
-                if t < best.t || (t == best.t && triangle < best.triangle) {
+                if t < best.t || (t <= best.t && triangle < best.triangle) {
                     best = TreeHit { t, triangle, u, v };
                     found = true;
                 }

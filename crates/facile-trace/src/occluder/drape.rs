@@ -179,7 +179,7 @@ impl Drape {
 fn mask(fit: &FaceFit<'_>) -> Mesh {
     let scale = fit.half_eye_distance() / 29.0;
     let (bridge, tip, chin) = (fit.landmark(28).y, fit.landmark(30).y, fit.landmark(8).y);
-    let corners = (fit.landmark(48).y + fit.landmark(54).y) / 2.0;
+    let corners = fit.landmark(48).y.midpoint(fit.landmark(54).y);
     let half_angle = 1.15;
     let sheet = Membrane::over(fit, [49, 33], false, 2.0, |s, t| {
         let side = s * s;
@@ -191,7 +191,7 @@ fn mask(fit: &FaceFit<'_>) -> Mesh {
     sheet.add_to(&mut mesh);
     for (side, column) in [(1.0, sheet.columns - 1), (-1.0, 0)] {
         let root = fit.ear_roots[usize::from(side < 0.0)];
-        let behind = Point3::new(root.x, (root.y + tip) / 2.0, root.z - 9.0 * scale);
+        let behind = Point3::new(root.x, root.y.midpoint(tip), root.z - 9.0 * scale);
         let way = [
             sheet.point(column, 0),
             root + Vector3::new(0.0, 1.5, 0.0),
@@ -259,8 +259,10 @@ fn scarf(fit: &FaceFit<'_>) -> Mesh {
 
 fn cap(fit: &FaceFit<'_>) -> Mesh {
     const COLUMNS: usize = 72;
+    const BRIM: usize = 33;
+    const STEPS: usize = 8;
     let scale = fit.half_eye_distance() / 29.0;
-    let brow = (fit.landmark(19).y + fit.landmark(24).y) / 2.0;
+    let brow = fit.landmark(19).y.midpoint(fit.landmark(24).y);
     let center = Point3::new(0.0, brow + 2.0 * scale, -6.0 * scale);
     let sheet = Membrane::over(fit, [COLUMNS, 20], true, 3.0, |s, t| {
         let phi = s * std::f64::consts::PI;
@@ -287,8 +289,6 @@ fn cap(fit: &FaceFit<'_>) -> Mesh {
     }
     mesh.segments.resize(mesh.triangles.len(), Segment::Other);
     // The brim: from the band forward, longest in the middle, drooping to its sides
-    const BRIM: usize = 33;
-    const STEPS: usize = 8;
     let half = 0.3 * COLUMNS as f64 / 2.0;
     let mut points = Vec::new();
     for step in 0..=STEPS {

@@ -201,7 +201,7 @@ impl Front {
         let inner = 9.5 * scale;
         let mut front = Self {
             middle_x: inner + half_width,
-            middle_y: (left.y + right.y) / 2.0 - 3.0 * scale,
+            middle_y: left.y.midpoint(right.y) - 3.0 * scale,
             half: [half_width, half_width * aspect],
             exponent,
             wrap: 170.0 * scale,

@@ -16,7 +16,7 @@ pub(crate) fn add_tube(
     const SIDES: usize = 10;
     let n = path.len();
     let base = mesh.positions.len() as u32;
-    for i in 0..n {
+    for (i, center) in path.iter().enumerate() {
         let (before, after) = if is_closed {
             ((i + n - 1) % n, (i + 1) % n)
         } else {
@@ -35,7 +35,7 @@ pub(crate) fn add_tube(
             let angle = std::f64::consts::TAU * k as f64 / SIDES as f64;
             let (s, c) = (libm::sin(angle), libm::cos(angle));
             mesh.positions
-                .push(path[i] + side * (c * across / 2.0) + up * (s * along / 2.0));
+                .push(center + side * (c * across / 2.0) + up * (s * along / 2.0));
         }
     }
     let vertex = |i: usize, k: usize| base + ((i % n) * SIDES + k % SIDES) as u32;

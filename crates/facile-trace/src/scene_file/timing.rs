@@ -63,9 +63,20 @@ mod tests {
 
     #[test]
     fn medians_are_medians() {
-        assert_eq!(Spread::of(vec![3.0, 1.0, 2.0]).median, 2.0);
+        let odd = Spread::of(vec![3.0, 1.0, 2.0]);
+        let expected = Spread {
+            median: 2.0,
+            min: 1.0,
+            max: 3.0,
+        };
+        assert_eq!(odd, expected);
         let even = Spread::of(vec![4.0, 1.0, 2.0, 3.0]);
-        assert_eq!((even.median, even.min, even.max), (2.5, 1.0, 4.0));
+        let expected = Spread {
+            median: 2.5,
+            min: 1.0,
+            max: 4.0,
+        };
+        assert_eq!(even, expected);
         assert_eq!(Spread::of(Vec::new()), Spread::default());
     }
 }

@@ -9,7 +9,7 @@ use facile_trace::math::Rgb;
 use facile_trace::{Camera, LightSource, Material, Normals, Object, Scene};
 
 /// A sphere of `20 * 4^levels` triangles about the origin.
-pub fn icosphere(radius: f64, levels: u32) -> Mesh {
+pub(crate) fn icosphere(radius: f64, levels: u32) -> Mesh {
     let g = f64::midpoint(1.0, 5.0_f64.sqrt());
     let mut points: Vec<Vector3> = Vec::new();
     for (a, b) in [(1.0, g), (-1.0, g), (1.0, -g), (-1.0, -g)] {
@@ -65,7 +65,7 @@ pub fn icosphere(radius: f64, levels: u32) -> Mesh {
 }
 
 /// A square of side `2 half` about `center`, spanned by unit vectors `u` and `v`, facing `u x v`.
-pub fn square(center: Point3, u: Vector3, v: Vector3, half: f64) -> Mesh {
+pub(crate) fn square(center: Point3, u: Vector3, v: Vector3, half: f64) -> Mesh {
     let corner = |a: f64, b: f64| center + u * (a * half) + v * (b * half);
     Mesh {
         positions: vec![
@@ -80,12 +80,12 @@ pub fn square(center: Point3, u: Vector3, v: Vector3, half: f64) -> Mesh {
 }
 
 /// A square in the plane `z`, facing `+z`.
-pub fn wall(z: f64, half: f64) -> Mesh {
+pub(crate) fn wall(z: f64, half: f64) -> Mesh {
     square(Point3::new(0.0, 0.0, z), Vector3::x(), Vector3::y(), half)
 }
 
 /// Triangles of all sizes and directions in a box of side 200 mm, some sharing corners, some without area.
-pub fn soup(triangles: usize, seed: u64) -> Mesh {
+pub(crate) fn soup(triangles: usize, seed: u64) -> Mesh {
     let mut random = RandomStream::new(seed, 0);
     let mut mesh = Mesh::default();
     for t in 0..triangles {
@@ -107,24 +107,24 @@ pub fn soup(triangles: usize, seed: u64) -> Mesh {
 }
 
 /// A scene of one matt object.
-pub fn scene_of(mesh: &Mesh, normals: Normals, color: [f32; 3]) -> Scene {
+pub(crate) fn scene_of(mesh: &Mesh, normals: Normals, color: [f32; 3]) -> Scene {
     let mut scene = Scene::new(Rgb::zeros());
     scene.add(Object::new(mesh, normals, Material::matt(Rgb::from(color))).expect("valid mesh"));
     scene
 }
 
 /// A camera on the `z` axis that looks at the origin.
-pub fn camera_at(z: f64, size: usize, fov_y: f64) -> Camera {
+pub(crate) fn camera_at(z: f64, size: usize, fov_y: f64) -> Camera {
     let eye = Point3::new(0.0, 0.0, z);
     Camera::look_at(size, size, eye, Point3::origin(), Vector3::y(), fov_y).expect("valid camera")
 }
 
 /// A light from its TOML form.
-pub fn light(text: &str) -> LightSource {
+pub(crate) fn light(text: &str) -> LightSource {
     toml::from_str(text).expect("valid light")
 }
 
 /// Ambient light of intensity 1: colours come out as they are.
-pub fn ambient() -> LightSource {
+pub(crate) fn ambient() -> LightSource {
     light("kind = 'ambient'\nintensity = 1")
 }
