@@ -123,13 +123,13 @@ impl Material {
         }
     }
 
-    /// A lens of glasses that lets a linear RGB share pass.
+    /// A coated lens of glasses that lets a linear RGB share pass.
     pub fn thin_glass(tint: Rgb) -> Self {
         Self {
             albedo: Albedo::Constant(Rgb::zeros()),
             specular: 0.02,
             shininess: 800.0,
-            reflectivity: 0.04,
+            reflectivity: 0.02,
             transmission: Some(Transmission::Thin { tint }),
             ..Self::default()
         }

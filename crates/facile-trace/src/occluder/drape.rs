@@ -302,8 +302,9 @@ fn cap(fit: &FaceFit<'_>) -> Mesh {
                 .point(low, row)
                 .coords
                 .lerp(&sheet.point(low + 1, row).coords, share);
-            let length = 62.0 * scale * libm::sqrt((1.0 - s * s).max(0.0));
-            let droop = -0.18 * out * length - 9.0 * scale * s * s * out;
+            let shape = libm::sqrt((1.0 - s * s).max(0.0));
+            let length = 62.0 * scale * shape;
+            let droop = -0.18 * out * length - 9.0 * scale * s * s * out * shape;
             points.push(Point3::from(band + Vector3::new(0.0, droop, out * length)));
         }
     }
