@@ -29,9 +29,16 @@ fn face(reference: &ReferenceHead, place: impl Fn(Point3) -> Point3) -> Mesh {
         positions: reference.mesh.positions.iter().map(|p| place(*p)).collect(),
         ..Mesh::default()
     };
-    for (t, s) in reference.mesh.triangles.iter().zip(&reference.mesh.segments) {
+    for (t, s) in reference
+        .mesh
+        .triangles
+        .iter()
+        .zip(&reference.mesh.segments)
+    {
         let seen = !matches!(s, Segment::InnerMouth | Segment::EyeSocket);
-        let frontal = t.iter().all(|&v| reference.mesh.positions[v as usize].z > 5.0);
+        let frontal = t
+            .iter()
+            .all(|&v| reference.mesh.positions[v as usize].z > 5.0);
         if seen && frontal {
             mesh.triangles.push(*t);
         }
@@ -49,7 +56,12 @@ fn person(p: Point3) -> Point3 {
 
 fn face_vertices(reference: &ReferenceHead) -> Vec<usize> {
     let mut used = vec![false; reference.mesh.positions.len()];
-    for (t, s) in reference.mesh.triangles.iter().zip(&reference.mesh.segments) {
+    for (t, s) in reference
+        .mesh
+        .triangles
+        .iter()
+        .zip(&reference.mesh.segments)
+    {
         let skin = !matches!(
             s,
             Segment::InnerMouth
@@ -114,7 +126,10 @@ fn a_known_deformation_is_recovered_in_any_pose_and_unit() {
             .expect("a face");
         assert!((found.report.unit_mm * scale - 1.0).abs() < 1e-9);
         let (mean, worst) = errors(reference, &found, truth);
-        assert!(mean < 0.8 && worst < 5.0, "{turn}: mean {mean}, worst {worst}");
+        assert!(
+            mean < 0.8 && worst < 5.0,
+            "{turn}: mean {mean}, worst {worst}"
+        );
         assert_eq!(found.report.folded_triangles, 0);
     }
 }
