@@ -25,7 +25,10 @@ fn main() {
         }
         println!("cargo::rerun-if-changed={source}");
     }
-    println!("cargo::rustc-env=FACILE_REGISTRATION_CODE={:016x}", hasher.finish());
+    println!(
+        "cargo::rustc-env=FACILE_REGISTRATION_CODE={:016x}",
+        hasher.finish()
+    );
 }
 
 fn collect(path: &Path, files: &mut Vec<PathBuf>) {

@@ -95,11 +95,7 @@ impl Summary {
 /// # Errors
 /// [`Error::Occupied`] and [`Error::Locked`] for a folder that cannot be used, [`Error::Io`] if it cannot be written.
 /// Bad scans and faces that find no equilibrium are in [`Summary::failures`].
-pub fn generate(
-    recipe: &Recipe,
-    options: &Options,
-    watch: &dyn Watch,
-) -> Result<Summary, Error> {
+pub fn generate(recipe: &Recipe, options: &Options, watch: &dyn Watch) -> Result<Summary, Error> {
     let pipeline = Arc::new(Pipeline::new(recipe.clone())?);
     let output = options.output.as_ref().unwrap_or(&recipe.output);
     let run = Run::new(&pipeline, output.clone(), options, watch);
@@ -174,7 +170,10 @@ impl<'a> Run<'a> {
                 .finished_group(group)
                 .is_some_and(|journal| journal.records.len() as u64 >= size(group))
         };
-        let todo: Vec<u64> = (0..groups).into_par_iter().filter(|g| !is_done(*g)).collect();
+        let todo: Vec<u64> = (0..groups)
+            .into_par_iter()
+            .filter(|g| !is_done(*g))
+            .collect();
         let missing: u64 = todo.iter().map(|g| size(*g)).sum();
         let kept = self.samples - missing;
         self.watch.begin(self.samples, kept);
@@ -188,7 +187,11 @@ impl<'a> Run<'a> {
             }
             self.batch(folder, subjects)?;
         }
-        let mut failures = self.failures.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let mut failures = self
+            .failures
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .clone();
         failures.sort();
         let records = folder.finish(groups, failures.clone())?;
         let failed: u64 = failures.iter().map(|f| f.samples).sum();
@@ -235,9 +238,13 @@ impl<'a> Run<'a> {
             }
             Err(e) => {
                 let id = self.pipeline.subject_id(subject);
-                self.watch.notice(&format!("subject `{id}` is left out: {e}"));
+                self.watch
+                    .notice(&format!("subject `{id}` is left out: {e}"));
                 let first = self.samples_of(groups[0]).start;
-                let samples = groups.iter().map(|g| self.samples_of(*g).count() as u64).sum();
+                let samples = groups
+                    .iter()
+                    .map(|g| self.samples_of(*g).count() as u64)
+                    .sum();
                 self.fail(Failure {
                     first,
                     samples,
@@ -287,7 +294,8 @@ impl<'a> Run<'a> {
             self.watch.advance(1);
         }
         folder.finish_group(group, &journal)?;
-        self.made.fetch_add(samples.end - samples.start, Ordering::Relaxed);
+        self.made
+            .fetch_add(samples.end - samples.start, Ordering::Relaxed);
         Ok(())
     }
 

@@ -73,7 +73,11 @@ pub struct Cost {
 pub fn predict(recipe: &Recipe, threads: usize, measure: bool) -> Result<Prediction, Error> {
     let pipeline = Arc::new(Pipeline::new(recipe.clone())?);
     let grid = Grid::of(recipe);
-    let moved = recipe.expressions.iter().filter(|e| !e.pose.is_neutral()).count() as u64;
+    let moved = recipe
+        .expressions
+        .iter()
+        .filter(|e| !e.pose.is_neutral())
+        .count() as u64;
     let scans = (recipe.subjects.scans.len() + recipe.subjects.builtin.len()) as u64;
     let cached = (0..scans).filter(|i| pipeline.is_cached(*i)).count() as u64;
     let work = Work {
@@ -84,10 +88,7 @@ pub fn predict(recipe: &Recipe, threads: usize, measure: bool) -> Result<Predict
         traced_views: grid.groups() * grid.occluders * grid.views,
         lit_images: grid.len(),
     };
-    let cost = match measure {
-        true => measured(&pipeline, &grid, &work, threads).ok(),
-        false => None,
-    };
+    let cost = if measure { measured(&pipeline, &grid, &work, threads).ok() } else { None };
     Ok(Prediction {
         name: recipe.name.clone(),
         images: grid.len(),
@@ -111,7 +112,10 @@ fn measured(
     let (person, person_s) = timed(|| pipeline.person(subject));
     let person = person?;
     let equilibrium_s = equilibrium_time(pipeline, &person)?;
-    let is_scan = !matches!(pipeline.recipe().subjects.get(subject), SubjectSource::Sampled { .. });
+    let is_scan = !matches!(
+        pipeline.recipe().subjects.get(subject),
+        SubjectSource::Sampled { .. }
+    );
     let mut worker = Worker::new(pipeline.clone());
     worker.set_person(subject, Arc::new(person));
     let start = grid.group_samples(subject * grid.expressions).start;
@@ -137,7 +141,11 @@ fn measured(
     }
     let n = measured as f64;
     let (view_s, image_s) = (view_s / n, image_s / n);
-    let registration_s = if is_scan && missing > 0 { person_s } else { 0.0 };
+    let registration_s = if is_scan && missing > 0 {
+        person_s
+    } else {
+        0.0
+    };
     // The measured subject is in the cache by now.
     let to_register = missing.saturating_sub(1) as f64;
     let work_s = to_register * registration_s
@@ -163,7 +171,10 @@ fn equilibrium_time(pipeline: &Pipeline, person: &Person) -> Result<f64, Error> 
         .collect();
     let mut picks = vec![0, moved.len() / 2, moved.len().saturating_sub(1)];
     picks.dedup();
-    let picks: Vec<usize> = picks.iter().filter_map(|i| moved.get(*i).copied()).collect();
+    let picks: Vec<usize> = picks
+        .iter()
+        .filter_map(|i| moved.get(*i).copied())
+        .collect();
     let mut solver = Solver::new();
     let mut total = 0.0;
     for &expression in &picks {

@@ -2,7 +2,7 @@
 //!
 //! Units are in the names. Image positions are in pixels from the upper left corner; the centre of the first pixel is
 //! `(0.5, 0.5)`. Positions in mm are in the head's frame, which is the world: `x` to the subject's left, `y` up, `z` out
-//! of the face. The camera's axes are OpenCV's: `x` right, `y` down, `z` forward.
+//! of the face. The camera's axes are `OpenCV`'s: `x` right, `y` down, `z` forward.
 
 use std::collections::BTreeMap;
 
@@ -149,6 +149,9 @@ pub struct MapRecord {
 
 impl Record {
     /// The record as one line of JSON.
+    ///
+    /// # Panics
+    /// Never: names and finite numbers are plain JSON.
     pub fn to_json(&self) -> String {
         serde_json::to_string(self).expect("names and numbers are plain JSON")
     }

@@ -125,7 +125,10 @@ pub fn sheet(dir: &Path, settings: &SheetSettings) -> Result<RgbImage, Error> {
     let size = settings.cell.unwrap_or(first.width());
     let per_sample = settings.show.len().max(1);
     let square = ((samples as f64 / per_sample as f64).sqrt().ceil() as usize).max(1);
-    let columns = settings.columns.unwrap_or(square * per_sample).min(cells.len());
+    let columns = settings
+        .columns
+        .unwrap_or(square * per_sample)
+        .min(cells.len());
     let rows = cells.len().div_ceil(columns);
     let mut sheet = RgbImage::new(columns as u32 * size, rows as u32 * size);
     for (i, cell) in cells.iter().enumerate() {
@@ -158,10 +161,11 @@ fn holds(record: &serde_json::Value, (key, wanted): &(String, String)) -> bool {
     let found = key.split('.').try_fold(record, |v, k| v.get(k));
     found.is_some_and(|v| match v {
         serde_json::Value::String(s) => s == wanted,
-        serde_json::Value::Number(n) => {
-            wanted.parse().is_ok_and(|w: f64| n.as_f64().is_some_and(|n| (n - w).abs() < 1e-9))
-        }
-        other => other.to_string() == *wanted,
+        serde_json::Value::Number(n) => wanted
+            .parse()
+            .is_ok_and(|w: f64| n.as_f64().is_some_and(|n| (n - w).abs() < 1e-9)),
+        serde_json::Value::Bool(b) => wanted.parse() == Ok(*b),
+        _ => false,
     })
 }
 
@@ -175,10 +179,14 @@ fn open(path: &Path) -> Result<image::DynamicImage, Error> {
 fn draw(dir: &Path, entry: &Entry, cell: Cell) -> Result<RgbImage, Error> {
     let map = || {
         let kind = cell.name();
-        entry.maps.get(kind).map(|m| dir.join(&m.file)).ok_or_else(|| Error::Dataset {
-            path: dir.join(&entry.image),
-            reason: format!("the dataset has no map of kind `{kind}`"),
-        })
+        entry
+            .maps
+            .get(kind)
+            .map(|m| dir.join(&m.file))
+            .ok_or_else(|| Error::Dataset {
+                path: dir.join(&entry.image),
+                reason: format!("the dataset has no map of kind `{kind}`"),
+            })
     };
     Ok(match cell {
         Cell::Image => open(&dir.join(&entry.image))?.into_rgb8(),
@@ -204,7 +212,9 @@ fn draw(dir: &Path, entry: &Entry, cell: Cell) -> Result<RgbImage, Error> {
 }
 
 fn colored(map: &image::GrayImage, color: impl Fn(u8) -> [u8; 3]) -> RgbImage {
-    RgbImage::from_fn(map.width(), map.height(), |x, y| Rgb(color(map.get_pixel(x, y)[0])))
+    RgbImage::from_fn(map.width(), map.height(), |x, y| {
+        Rgb(color(map.get_pixel(x, y)[0]))
+    })
 }
 
 /// Bright is near; the range is the image's own.
@@ -240,14 +250,19 @@ fn segment_color(id: u8) -> [u8; 3] {
 /// A dot of about one percent of the image's width.
 fn mark(image: &mut RgbImage, [x, y]: [f64; 2], is_seen: bool) {
     let radius = (f64::from(image.width()) / 160.0).max(0.8);
-    let color = if is_seen { [40, 230, 60] } else { [235, 50, 40] };
+    let color = if is_seen {
+        [40, 230, 60]
+    } else {
+        [235, 50, 40]
+    };
     let reach = radius.ceil() as i64;
     for dy in -reach..=reach {
         for dx in -reach..=reach {
             let (px, py) = (x.floor() as i64 + dx, y.floor() as i64 + dy);
             let (cx, cy) = (px as f64 + 0.5 - x, py as f64 + 0.5 - y);
             let inside = px >= 0 && py >= 0;
-            if inside && cx.hypot(cy) <= radius
+            if inside
+                && cx.hypot(cy) <= radius
                 && let Some(pixel) = image.get_pixel_mut_checked(px as u32, py as u32)
             {
                 *pixel = Rgb(color);

@@ -61,7 +61,9 @@ fn report(summary: &Summary, quiet: bool, time: Duration) -> u8 {
             Some(expression) => format!("{}, {expression}", failure.subject),
             None => failure.subject.clone(),
         };
-        let Failure { samples, reason, .. } = failure;
+        let Failure {
+            samples, reason, ..
+        } = failure;
         output::note(&format!("failed: {what} ({samples} samples): {reason}"));
     }
     if !quiet {
@@ -158,13 +160,18 @@ impl Watch for Progress {
         if !self.is_plain() {
             return;
         }
-        let mut last = self.last_line.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut last = self
+            .last_line
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
         if last.elapsed() >= LINE_INTERVAL {
             *last = Instant::now();
             let total = self.total.load(Ordering::Relaxed);
             let rate = done as f64 / self.begun.elapsed().as_secs_f64().max(1e-3);
             let left = total.saturating_sub(done) as f64 / rate.max(1e-9);
-            output::note(&format!("{done}/{total} images, {rate:.1}/s, {left:.0} s left"));
+            output::note(&format!(
+                "{done}/{total} images, {rate:.1}/s, {left:.0} s left"
+            ));
         }
     }
 

@@ -28,7 +28,13 @@ pub(super) struct Arguments {
     #[arg(long = "jaw", value_name = "DEG", default_value_t = 0.0)]
     jaw_deg: f64,
     /// Gaze in degrees: towards the subject's left, upwards.
-    #[arg(long = "gaze", value_name = "YAW,PITCH", value_delimiter = ',', num_args = 2, allow_negative_numbers = true)]
+    #[arg(
+        long = "gaze",
+        value_name = "YAW,PITCH",
+        value_delimiter = ',',
+        num_args = 2,
+        allow_negative_numbers = true
+    )]
     gaze_deg: Option<Vec<f64>>,
     /// GLB to write.
     #[arg(short, long, value_name = "FILE")]

@@ -43,7 +43,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<u8> {
             r.surface_distance_mean_mm,
             r.expected_error_mm,
         )),
-        None => output::note(&format!("{}: was a subject already", arguments.scan.display())),
+        None => output::note(&format!(
+            "{}: was a subject already",
+            arguments.scan.display()
+        )),
     }
     Ok(DONE)
 }

@@ -54,6 +54,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<u8> {
     let picture = sheet(&arguments.dataset, &settings)?;
     picture.save(&arguments.output)?;
     let (width, height) = picture.dimensions();
-    output::note(&format!("{}: {width} x {height}", arguments.output.display()));
+    output::note(&format!(
+        "{}: {width} x {height}",
+        arguments.output.display()
+    ));
     Ok(DONE)
 }

@@ -21,7 +21,11 @@ pub(crate) struct Cache {
 impl Cache {
     /// The user's cache: `$FACILE_CACHE`, else the platform's place for caches.
     pub(crate) fn of_user() -> Self {
-        let of = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
+        let of = |name: &str| {
+            std::env::var_os(name)
+                .filter(|v| !v.is_empty())
+                .map(PathBuf::from)
+        };
         let platform = || {
             if cfg!(windows) {
                 return of("LOCALAPPDATA").map(|d| d.join("facile").join("cache"));
@@ -30,7 +34,8 @@ impl Cache {
                 return of("HOME").map(|d| d.join("Library/Caches/facile"));
             }
             let xdg = of("XDG_CACHE_HOME").filter(|d| d.is_absolute());
-            xdg.or_else(|| of("HOME").map(|d| d.join(".cache"))).map(|d| d.join("facile"))
+            xdg.or_else(|| of("HOME").map(|d| d.join(".cache")))
+                .map(|d| d.join("facile"))
         };
         Self {
             dir: of(CACHE_VARIABLE).or_else(platform),

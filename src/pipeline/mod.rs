@@ -100,7 +100,8 @@ impl Pipeline {
 
     /// Whether the registration of subject number `subject` is in the cache.
     pub(crate) fn is_cached(&self, subject: u64) -> bool {
-        self.registrations.is_cached(&self.recipe.subjects.get(subject))
+        self.registrations
+            .is_cached(&self.recipe.subjects.get(subject))
     }
 
     fn face_vertices(&self) -> &[u32] {
@@ -130,7 +131,9 @@ fn recipe_hash(recipe: &Recipe) -> String {
     file.dataset.output.clear();
     let mut hasher = blake3::Hasher::new();
     let content = serde_json::to_vec(&file).expect("a recipe is plain JSON");
-    hasher.update(&content).update(env!("CARGO_PKG_VERSION").as_bytes());
+    hasher
+        .update(&content)
+        .update(env!("CARGO_PKG_VERSION").as_bytes());
     for path in &recipe.subjects.scans {
         register::hash_scan_files(path, &mut hasher);
     }

@@ -31,7 +31,11 @@ impl PosedHead {
     }
 
     /// The head with eyes, teeth and tongue in their places, by the names of their classes.
-    pub fn meshes(&self, subject: &Subject, reference: &ReferenceHead) -> Vec<(&'static str, Mesh)> {
+    pub fn meshes(
+        &self,
+        subject: &Subject,
+        reference: &ReferenceHead,
+    ) -> Vec<(&'static str, Mesh)> {
         let head = Mesh {
             positions: self.equilibrium.positions.clone(),
             ..reference.mesh.clone()
@@ -94,5 +98,9 @@ impl PosedHead {
 /// # Errors
 /// [`Error::Sim`] for a face that cannot carry muscles.
 pub fn face_model(subject: &Subject) -> Result<FaceModel, Error> {
-    Ok(FaceModel::new(ReferenceHead::embedded(), MuscleSet::embedded(), subject)?)
+    Ok(FaceModel::new(
+        ReferenceHead::embedded(),
+        MuscleSet::embedded(),
+        subject,
+    )?)
 }

@@ -6,8 +6,8 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use facile_core::io::{self, Scan};
 use facile_core::identity::IdentityModel;
+use facile_core::io::{self, Scan};
 use facile_core::{ReferenceHead, Subject, builtin};
 use facile_flow::{Registrar, RegistrationParams, RegistrationReport};
 use facile_sim::FaceModel;
@@ -96,7 +96,9 @@ impl Pipeline {
         notices: Vec<String>,
     ) -> Result<Person, Error> {
         let rig = self.rig.as_ref();
-        let model = rig.map(|rig| rig.model(self.reference(), &subject)).transpose()?;
+        let model = rig
+            .map(|rig| rig.model(self.reference(), &subject))
+            .transpose()?;
         Ok(Person {
             subject,
             kind,
@@ -109,7 +111,12 @@ impl Pipeline {
     /// The name of a subject in records: of its file or its own, with a number if another has the same.
     pub fn subject_id(&self, subject: u64) -> String {
         let subjects = &self.recipe().subjects;
-        let stem = |p: &Path| p.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let stem = |p: &Path| {
+            p.file_stem()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .into_owned()
+        };
         let name_of = |i: u64| match subjects.get(i) {
             SubjectSource::Scan { file } => stem(&file),
             SubjectSource::Builtin { name } => name,
@@ -117,7 +124,9 @@ impl Pipeline {
         };
         let name = name_of(subject);
         let named = (subjects.scans.len() + subjects.builtin.len()) as u64;
-        let same = (0..subject.min(named)).filter(|i| name_of(*i) == name).count();
+        let same = (0..subject.min(named))
+            .filter(|i| name_of(*i) == name)
+            .count();
         match same {
             0 => name,
             n => format!("{name}_{}", n + 1),
@@ -164,7 +173,11 @@ impl Registrations {
         }
         let scan = io::load_scan(file, texture)?;
         let mut registered = self.register(&scan)?;
-        registered.notices.extend(scan.notices.iter().map(|n| format!("{}: {n}", file.display())));
+        registered.notices.extend(
+            scan.notices
+                .iter()
+                .map(|n| format!("{}: {n}", file.display())),
+        );
         Ok(registered)
     }
 
@@ -208,7 +221,7 @@ impl Registrations {
     fn register(&self, scan: &Scan) -> Result<Registered, Error> {
         let key = self.key(scan);
         let stored = self.cache.get(&key);
-        if let Some(registered) = stored.and_then(|bytes| self.from_bytes(&bytes, &scan.path)) {
+        if let Some(registered) = stored.and_then(|bytes| self.read(&bytes, &scan.path)) {
             return Ok(registered);
         }
         let registrar = Registrar::new(self.reference, self.params.clone())?;
@@ -218,14 +231,14 @@ impl Registrations {
         bytes.push(b'\n');
         bytes.extend(result.subject.to_glb(&scan.path, self.reference)?);
         self.cache.put(&key, &bytes);
-        self.from_bytes(&bytes, &scan.path)
+        self.read(&bytes, &scan.path)
             .ok_or_else(|| Error::Dataset {
                 path: scan.path.clone(),
                 reason: "the registered subject does not read back".to_owned(),
             })
     }
 
-    fn from_bytes(&self, bytes: &[u8], path: &Path) -> Option<Registered> {
+    fn read(&self, bytes: &[u8], path: &Path) -> Option<Registered> {
         let end = bytes.iter().position(|b| *b == b'\n')?;
         Some(Registered {
             report: serde_json::from_slice(&bytes[..end]).ok()?,
@@ -238,11 +251,16 @@ impl Registrations {
     fn key(&self, scan: &Scan) -> blake3::Hash {
         let mut hasher = blake3::Hasher::new();
         let params = serde_json::to_vec(&self.params).expect("numbers are plain JSON");
-        hasher.update(CODE.as_bytes()).update(&params).update(scan.name.as_bytes());
+        hasher
+            .update(CODE.as_bytes())
+            .update(&params)
+            .update(scan.name.as_bytes());
         let mesh = &scan.mesh;
         let mut add = |bytes: &mut dyn Iterator<Item = [u8; 4]>| {
             let block: Vec<u8> = bytes.flatten().collect();
-            hasher.update(&(block.len() as u64).to_le_bytes()).update(&block);
+            hasher
+                .update(&(block.len() as u64).to_le_bytes())
+                .update(&block);
         };
         let halves = |v: f64| {
             let bits = v.to_bits();
@@ -250,9 +268,21 @@ impl Registrations {
         };
         let positions = mesh.positions.iter().flat_map(|p| [p.x, p.y, p.z]);
         add(&mut positions.flat_map(halves).map(u32::to_le_bytes));
-        add(&mut mesh.triangles.as_flattened().iter().map(|v| v.to_le_bytes()));
-        add(&mut mesh.texcoords.as_flattened().iter().map(|v| v.to_le_bytes()));
-        add(&mut mesh.texcoord_triangles.as_flattened().iter().map(|v| v.to_le_bytes()));
+        add(&mut mesh
+            .triangles
+            .as_flattened()
+            .iter()
+            .map(|v| v.to_le_bytes()));
+        add(&mut mesh
+            .texcoords
+            .as_flattened()
+            .iter()
+            .map(|v| v.to_le_bytes()));
+        add(&mut mesh
+            .texcoord_triangles
+            .as_flattened()
+            .iter()
+            .map(|v| v.to_le_bytes()));
         add(&mut mesh.colors.as_flattened().iter().map(|v| v.to_le_bytes()));
         if let Some(texture) = &scan.texture {
             let size = [texture.width() as u32, texture.height() as u32];
@@ -285,11 +315,21 @@ fn collect_companions(path: &Path, files: &mut BTreeSet<PathBuf>) {
         let _ = file.take(HEADER_BYTES as u64).read_to_end(&mut header);
     }
     let text = String::from_utf8_lossy(&header);
-    let words = text.split(|c: char| c.is_whitespace() || c == '"').map(PathBuf::from);
+    let words = text
+        .split(|c: char| c.is_whitespace() || c == '"')
+        .map(PathBuf::from);
     let stems = COMPANIONS.iter().map(|e| path.with_extension(e));
-    let named = words.filter(|w| has_companion_extension(w)).map(|w| folder.join(w));
-    for file in named.chain(stems).filter(|f| f.is_file()).collect::<Vec<_>>() {
-        let is_library = file.extension().is_some_and(|e| e.eq_ignore_ascii_case("mtl"));
+    let named = words
+        .filter(|w| has_companion_extension(w))
+        .map(|w| folder.join(w));
+    for file in named
+        .chain(stems)
+        .filter(|f| f.is_file())
+        .collect::<Vec<_>>()
+    {
+        let is_library = file
+            .extension()
+            .is_some_and(|e| e.eq_ignore_ascii_case("mtl"));
         if files.insert(file.clone()) && is_library {
             collect_companions(&file, files);
         }

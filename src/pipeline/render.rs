@@ -1,7 +1,7 @@
 //! From a deformed face to views of a scene (paper section 5).
 
-use facile_core::{Point3, Vector3};
 use facile_core::color::LINEAR_FROM_SRGB8;
+use facile_core::{Point3, Vector3};
 use facile_trace::math::Rgb;
 use facile_trace::occluder::FaceFit;
 use facile_trace::{Camera, HeadScene, RenderSettings, Truth as TraceTruth, View as TracedView};
@@ -23,7 +23,11 @@ impl Pipeline {
     /// [`Error::Trace`] for a subject that cannot be rendered.
     pub fn head_scene(&self, person: &Person) -> Result<HeadScene, Error> {
         let background = linear(self.recipe().image.background);
-        Ok(HeadScene::new(self.reference(), &person.subject, background)?)
+        Ok(HeadScene::new(
+            self.reference(),
+            &person.subject,
+            background,
+        )?)
     }
 
     /// Brings the head of a scene into an expression.
@@ -94,7 +98,9 @@ fn camera(view: &View, image: &ImageSettings) -> Result<Camera, Error> {
     let up = backward.cross(&right) * roll_cos + right * roll_sin;
     let position = target + backward * view.distance;
     let (width, height) = (image.width as usize, image.height as usize);
-    Ok(Camera::look_at(width, height, position, target, up, view.fov_y)?)
+    Ok(Camera::look_at(
+        width, height, position, target, up, view.fov_y,
+    )?)
 }
 
 #[cfg(test)]
@@ -123,7 +129,9 @@ mod tests {
             background: [0; 3],
         };
         let camera = camera(&view, &image).expect("possible");
-        let (px, depth) = camera.project(&Point3::new(1.0, -20.0, 5.0)).expect("in front");
+        let (px, depth) = camera
+            .project(&Point3::new(1.0, -20.0, 5.0))
+            .expect("in front");
         assert_relative_eq!(px[0], 32.0, epsilon = 1e-9);
         assert_relative_eq!(px[1], 24.0, epsilon = 1e-9);
         assert_relative_eq!(depth, 900.0, epsilon = 1e-9);
@@ -133,7 +141,10 @@ mod tests {
     #[test]
     fn the_head_turns_against_the_camera() {
         let frontal = pose_of(0.0, 0.0, 0.0);
-        assert_eq!((frontal.yaw_deg, frontal.pitch_deg, frontal.roll_deg), (0.0, 0.0, 0.0));
+        assert_eq!(
+            (frontal.yaw_deg, frontal.pitch_deg, frontal.roll_deg),
+            (0.0, 0.0, 0.0)
+        );
         // A camera on the subject's left sees the face look to the image's left, a camera above sees it look down.
         let turned = pose_of(30.0, 20.0, 10.0);
         assert_relative_eq!(turned.pitch_deg, -20.0, epsilon = 5.0);

@@ -139,7 +139,10 @@ impl Pipeline {
     }
 
     /// The record of a sample. `first` is the sample whose number the maps' files carry.
-    #[expect(clippy::too_many_arguments, reason = "one argument for each stage that a record tells of")]
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "one argument for each stage that a record tells of"
+    )]
     pub(super) fn record(
         &self,
         index: u64,
@@ -206,7 +209,10 @@ impl Pipeline {
 /// `visible`, or what hides a landmark: `frame` (outside the image), `occluder`, `closed_mouth` (the other lip) or
 /// `self` (the head).
 fn hidden_by(point: &Point3, own: Segment, scene: &HeadScene, camera: &Camera) -> &'static str {
-    let Some((px, depth)) = camera.project(point).filter(|(px, _)| camera.contains_px(*px)) else {
+    let Some((px, depth)) = camera
+        .project(point)
+        .filter(|(px, _)| camera.contains_px(*px))
+    else {
         return "frame";
     };
     let ray = Ray {

@@ -93,7 +93,10 @@ impl Worker {
     /// [`Error::Index`] beyond the last sample; whatever a stage reports.
     pub fn sample(&mut self, index: u64) -> Result<Sample, Error> {
         let len = self.grid.len();
-        let factors = self.grid.factors(index).ok_or(Error::Index { index, len })?;
+        let factors = self
+            .grid
+            .factors(index)
+            .ok_or(Error::Index { index, len })?;
         let person = self.person(factors.subject)?;
         self.pose(&person, factors.expression)?;
         self.trace(factors.occluder, factors.view)?;
@@ -132,7 +135,11 @@ impl Worker {
     }
 
     fn pose(&mut self, person: &Person, expression: usize) -> Result<(), Error> {
-        if self.posed.as_ref().is_some_and(|p| p.expression == expression) {
+        if self
+            .posed
+            .as_ref()
+            .is_some_and(|p| p.expression == expression)
+        {
             return Ok(());
         }
         self.traced = None;
@@ -163,7 +170,11 @@ impl Worker {
             posed.occluder = Some(occluder);
             self.traced = None;
         }
-        if self.traced.as_ref().is_some_and(|t| t.occluder == occluder && t.view == view) {
+        if self
+            .traced
+            .as_ref()
+            .is_some_and(|t| t.occluder == occluder && t.view == view)
+        {
             return Ok(());
         }
         let traced = self.pipeline.trace(&posed.scene, view)?;

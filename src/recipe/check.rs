@@ -205,5 +205,7 @@ pub(crate) fn in_range(
         return Ok(value);
     }
     let (low, high) = (range.start(), range.end());
-    Err(place.problem(format!("{what} must be from {low} to {high}, found {value}")))
+    Err(place.problem(format!(
+        "{what} must be from {low} to {high}, found {value}"
+    )))
 }

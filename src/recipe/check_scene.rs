@@ -9,7 +9,8 @@ use facile_trace::{self as trace, LightSource};
 
 use super::check::in_range;
 use super::file::{
-    Attach, ExpressionTable, LightTable, OccluderKind, OccluderTable, RimTable, SourceKind, SourceTable, ViewTable,
+    Attach, ExpressionTable, LightTable, OccluderKind, OccluderTable, RimTable, SourceKind,
+    SourceTable, ViewTable,
 };
 use super::problem::{Place, Problem};
 use super::settings::{Expression, Lighting, Occluder, View};
@@ -93,10 +94,30 @@ fn pose(table: &ExpressionTable, place: &Place) -> Result<Pose, Problem> {
     }
     let numbers = [
         ("jaw_deg", table.jaw_deg, 0.0, MAX_OPEN_RAD.to_degrees()),
-        ("jaw_protrusion_mm", table.jaw_protrusion_mm, -MAX_PROTRUSION_MM / 3.0, MAX_PROTRUSION_MM),
-        ("jaw_lateral_mm", table.jaw_lateral_mm, -MAX_LATERAL_MM, MAX_LATERAL_MM),
-        ("gaze_yaw_deg", table.gaze_yaw_deg, -MAX_GAZE_DEG, MAX_GAZE_DEG),
-        ("gaze_pitch_deg", table.gaze_pitch_deg, -MAX_GAZE_DEG, MAX_GAZE_DEG),
+        (
+            "jaw_protrusion_mm",
+            table.jaw_protrusion_mm,
+            -MAX_PROTRUSION_MM / 3.0,
+            MAX_PROTRUSION_MM,
+        ),
+        (
+            "jaw_lateral_mm",
+            table.jaw_lateral_mm,
+            -MAX_LATERAL_MM,
+            MAX_LATERAL_MM,
+        ),
+        (
+            "gaze_yaw_deg",
+            table.gaze_yaw_deg,
+            -MAX_GAZE_DEG,
+            MAX_GAZE_DEG,
+        ),
+        (
+            "gaze_pitch_deg",
+            table.gaze_pitch_deg,
+            -MAX_GAZE_DEG,
+            MAX_GAZE_DEG,
+        ),
     ];
     for (key, value, low, high) in numbers {
         in_range(value, low..=high.floor(), key, &place.key(key))?;
@@ -104,14 +125,11 @@ fn pose(table: &ExpressionTable, place: &Place) -> Result<Pose, Problem> {
     let is_empty = table.muscles.is_empty()
         && table.action_units.is_empty()
         && numbers.iter().all(|(_, value, _, _)| *value == 0.0);
-    let chosen = match is_empty {
-        true => ExpressionSet::embedded().get(&table.name).map_err(|e| {
-            sim_problem(&place.key("name"), e).note(
-                "an expression of your own gives at least one of muscles, action_units, jaw_deg, gaze_yaw_deg",
-            )
-        })?,
-        false => &own,
-    };
+    let chosen = if is_empty { ExpressionSet::embedded().get(&table.name).map_err(|e| {
+        sim_problem(&place.key("name"), e).note(
+            "an expression of your own gives at least one of muscles, action_units, jaw_deg, gaze_yaw_deg",
+        )
+    })? } else { &own };
     chosen.pose(muscles).map_err(|e| sim_problem(place, e))
 }
 
@@ -126,10 +144,7 @@ fn sim_problem(place: &Place, error: SimError) -> Problem {
     }
 }
 
-pub(crate) fn occluders(
-    tables: &[OccluderTable],
-    place: &Place,
-) -> Result<Vec<Occluder>, Problem> {
+pub(crate) fn occluders(tables: &[OccluderTable], place: &Place) -> Result<Vec<Occluder>, Problem> {
     let mut list = Vec::new();
     for (i, table) in tables.iter().enumerate() {
         let place = place.index(i);
@@ -150,9 +165,7 @@ pub(crate) fn occluders(
                 unused(&place, "an occluder of kind `none`", &given, &[])?;
                 Occluder::None
             }
-            OccluderKind::Glasses => {
-                Occluder::Glasses(glasses(table, Glasses::default(), &place)?)
-            }
+            OccluderKind::Glasses => Occluder::Glasses(glasses(table, Glasses::default(), &place)?),
             OccluderKind::Sunglasses => {
                 Occluder::Sunglasses(glasses(table, Glasses::sunglasses(), &place)?)
             }
@@ -208,9 +221,19 @@ pub(crate) fn views(tables: &[ViewTable], place: &Place) -> Result<Vec<View>, Pr
                 in_range(v, -limit..=limit, key, &place.index(k))?;
             }
         }
-        let fov_y = in_range(table.fov_y_deg, 1.0..=120.0, "fov_y_deg", &place.key("fov_y_deg"))?;
+        let fov_y = in_range(
+            table.fov_y_deg,
+            1.0..=120.0,
+            "fov_y_deg",
+            &place.key("fov_y_deg"),
+        )?;
         let distance_place = place.key("distance_mm");
-        let distance = in_range(table.distance_mm, 150.0..=1e5, "distance_mm", &distance_place)?;
+        let distance = in_range(
+            table.distance_mm,
+            150.0..=1e5,
+            "distance_mm",
+            &distance_place,
+        )?;
         length(table.target_mm, &place.key("target_mm"))?;
         for &yaw in &table.yaw_deg {
             for &pitch in &table.pitch_deg {
@@ -294,7 +317,12 @@ fn source(table: &SourceTable, place: &Place) -> Result<LightSource, Problem> {
         ("softness", table.softness.is_some()),
         ("attach", table.attach.is_some()),
     ];
-    unused(place, &format!("a source of kind `{name}`"), &given, allowed)?;
+    unused(
+        place,
+        &format!("a source of kind `{name}`"),
+        &given,
+        allowed,
+    )?;
     let triple = |key: &str, value: Option<[f64; 3]>| {
         let place = place.key(key);
         let value = value.ok_or_else(|| {

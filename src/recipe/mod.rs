@@ -37,8 +37,8 @@ impl Recipe {
     pub fn parse(text: &str, path: &Path, base: &Path) -> Result<Self, Error> {
         let file: RecipeFile =
             toml::from_str(text).map_err(|e| RecipeError::from_toml(path, text, &e))?;
-        let recipe = check::check(file, base)
-            .map_err(|p| RecipeError::from_problem(path, text, p))?;
+        let recipe =
+            check::check(file, base).map_err(|p| RecipeError::from_problem(path, text, p))?;
         Ok(recipe)
     }
 

@@ -87,7 +87,11 @@ impl fmt::Display for RecipeError {
         } else {
             let margin = self.line.to_string().len();
             write!(f, ":{}:{}: {}", self.line, self.column, self.message)?;
-            write!(f, "\n{:margin$} |\n{} | {}", "", self.line, self.source_line)?;
+            write!(
+                f,
+                "\n{:margin$} |\n{} | {}",
+                "", self.line, self.source_line
+            )?;
             let (indent, marks) = (self.column - 1, "^".repeat(self.width));
             write!(f, "\n{:margin$} | {:indent$}{marks}", "", "")?;
         }
@@ -235,7 +239,10 @@ fn explain(message: &str) -> (String, Option<String>) {
     let quoted: Vec<&str> = message.split('`').skip(1).step_by(2).collect();
     let unknown = |what: &str, name: &str, known: &[&str]| {
         let help = match name {
-            "sampling" => "this version multiplies grids only; ranges and distributions are not built".to_owned(),
+            "sampling" => {
+                "this version multiplies grids only; ranges and distributions are not built"
+                    .to_owned()
+            }
             _ => suggestion(name, known.iter().copied()),
         };
         (format!("unknown {what} `{name}`"), Some(help))
@@ -262,7 +269,11 @@ mod tests {
 
     #[test]
     fn places_are_found_in_the_text() {
-        let place = Place::default().key("view").index(0).key("yaw_deg").index(1);
+        let place = Place::default()
+            .key("view")
+            .index(0)
+            .key("yaw_deg")
+            .index(1);
         assert_eq!(place.to_string(), "view[0].yaw_deg[1]");
         let span = place.span(TEXT).expect("present");
         assert_eq!(&TEXT[span], "900");
@@ -277,7 +288,11 @@ mod tests {
 
     #[test]
     fn the_error_shows_line_column_and_marks() {
-        let place = Place::default().key("view").index(0).key("yaw_deg").index(1);
+        let place = Place::default()
+            .key("view")
+            .index(0)
+            .key("yaw_deg")
+            .index(1);
         let problem = place.problem("too large").help("at most 180");
         let error = RecipeError::from_problem(Path::new("a.toml"), TEXT, problem);
         assert_eq!(

@@ -63,11 +63,27 @@ fn a_side_may_follow_the_muscle() {
 #[test]
 fn values_out_of_range_are_refused_where_they_stand() {
     let cases = [
-        ("[image]\nsize = [64, -64]\n[subjects]\nsampled = 1\n", 4, 13),
+        (
+            "[image]\nsize = [64, -64]\n[subjects]\nsampled = 1\n",
+            4,
+            13,
+        ),
         ("[image]\nsamples = 0\n[subjects]\nsampled = 1\n", 4, 11),
-        ("[image]\nsamples = \"many\"\n[subjects]\nsampled = 1\n", 4, 11),
-        ("[image]\nbackground = [0, 0, 256]\n[subjects]\nsampled = 1\n", 4, 21),
-        ("[image]\nlandmarks = [\"ibug\"]\n[subjects]\nsampled = 1\n", 4, 14),
+        (
+            "[image]\nsamples = \"many\"\n[subjects]\nsampled = 1\n",
+            4,
+            11,
+        ),
+        (
+            "[image]\nbackground = [0, 0, 256]\n[subjects]\nsampled = 1\n",
+            4,
+            21,
+        ),
+        (
+            "[image]\nlandmarks = [\"ibug\"]\n[subjects]\nsampled = 1\n",
+            4,
+            14,
+        ),
         ("[subjects]\nsampled = -1\n", 4, 11),
         ("[subjects]\nbuiltin = [\"adda\"]\n", 4, 12),
         ("[subjects]\nscans = [\"no/such/*.obj\"]\n", 4, 10),
@@ -78,15 +94,27 @@ fn values_out_of_range_are_refused_where_they_stand() {
     }
     let scene = [
         ("[[expression]]\nname = \"smirk\"\n", 6, 8),
-        ("[[expression]]\nname = \"smile\"\nintensities = [0.5, 1.5]\n", 7, 21),
+        (
+            "[[expression]]\nname = \"smile\"\nintensities = [0.5, 1.5]\n",
+            7,
+            21,
+        ),
         ("[[expression]]\nname = \"smile\"\njaw_deg = 90\n", 7, 11),
-        ("[[expression]]\nname = \"x\"\naction_units = { AU3 = 1 }\n", 7, 25),
+        (
+            "[[expression]]\nname = \"x\"\naction_units = { AU3 = 1 }\n",
+            7,
+            25,
+        ),
         ("[[view]]\nyaw_deg = [nan]\n", 6, 12),
         ("[[view]]\nfov_y_deg = 0\n", 6, 13),
         ("[[occluder]]\nkind = \"none\"\nsize = 1.0\n", 7, 8),
         ("[[occluder]]\nkind = \"glasses\"\nsize = 2.0\n", 7, 8),
         ("[[light]]\nname = \"a\"\nsources = []\n", 7, 11),
-        ("[[light]]\nname = \"a\"\nsources = [{ kind = \"point\" }]\n", 7, 12),
+        (
+            "[[light]]\nname = \"a\"\nsources = [{ kind = \"point\" }]\n",
+            7,
+            12,
+        ),
         (
             "[[light]]\nname = \"a\"\nsources = [{ kind = \"ambient\", position = [0, 0, 1] }]\n",
             7,
@@ -149,7 +177,15 @@ fn random_sampling_is_refused_plainly() {
 fn the_schema_names_every_table() {
     let schema = schema();
     let properties = schema["properties"].as_object().expect("an object");
-    for table in ["dataset", "image", "subjects", "expression", "light", "view", "occluder"] {
+    for table in [
+        "dataset",
+        "image",
+        "subjects",
+        "expression",
+        "light",
+        "view",
+        "occluder",
+    ] {
         assert!(properties.contains_key(table), "{table}");
     }
 }

@@ -14,7 +14,13 @@ pub fn encode_image(image: &Plane<[u8; 3]>, settings: &ImageSettings) -> Result<
     let bytes = image.as_slice().as_flattened();
     let (width, height) = (image.width(), image.height());
     match settings.encoding {
-        Encoding::Png => png_bytes(width, height, png::ColorType::Rgb, png::BitDepth::Eight, bytes),
+        Encoding::Png => png_bytes(
+            width,
+            height,
+            png::ColorType::Rgb,
+            png::BitDepth::Eight,
+            bytes,
+        ),
         Encoding::Jpeg => {
             let mut out = Vec::new();
             let mut encoder = jpeg_encoder::Encoder::new(&mut out, settings.quality);
@@ -23,7 +29,7 @@ pub fn encode_image(image: &Plane<[u8; 3]>, settings: &ImageSettings) -> Result<
             let (w, h) = size.ok_or_else(|| failed(width, height, "too large for JPEG"))?;
             encoder
                 .encode(bytes, w, h, jpeg_encoder::ColorType::Rgb)
-                .map_err(|e| failed(width, height, e))?;
+                .map_err(|e| failed(width, height, &e))?;
             Ok(out)
         }
         Encoding::Webp => {
@@ -35,7 +41,7 @@ pub fn encode_image(image: &Plane<[u8; 3]>, settings: &ImageSettings) -> Result<
                     height as u32,
                     image_webp::ColorType::Rgb8,
                 )
-                .map_err(|e| failed(width, height, e))?;
+                .map_err(|e| failed(width, height, &e))?;
             Ok(out)
         }
     }
@@ -47,7 +53,13 @@ pub fn encode_image(image: &Plane<[u8; 3]>, settings: &ImageSettings) -> Result<
 /// [`Error::Encode`] if the encoder refuses the size.
 pub fn encode_rgb8(map: &Plane<[u8; 3]>) -> Result<Vec<u8>, Error> {
     let bytes = map.as_slice().as_flattened();
-    png_bytes(map.width(), map.height(), png::ColorType::Rgb, png::BitDepth::Eight, bytes)
+    png_bytes(
+        map.width(),
+        map.height(),
+        png::ColorType::Rgb,
+        png::BitDepth::Eight,
+        bytes,
+    )
 }
 
 /// Encodes an 8-bit map as PNG.
@@ -56,7 +68,13 @@ pub fn encode_rgb8(map: &Plane<[u8; 3]>) -> Result<Vec<u8>, Error> {
 /// [`Error::Encode`] if the encoder refuses the size.
 pub fn encode_gray8(map: &Plane<u8>) -> Result<Vec<u8>, Error> {
     let (width, height) = (map.width(), map.height());
-    png_bytes(width, height, png::ColorType::Grayscale, png::BitDepth::Eight, map.as_slice())
+    png_bytes(
+        width,
+        height,
+        png::ColorType::Grayscale,
+        png::BitDepth::Eight,
+        map.as_slice(),
+    )
 }
 
 /// Encodes a 16-bit map as PNG.
@@ -64,9 +82,19 @@ pub fn encode_gray8(map: &Plane<u8>) -> Result<Vec<u8>, Error> {
 /// # Errors
 /// [`Error::Encode`] if the encoder refuses the size.
 pub fn encode_gray16(map: &Plane<u16>) -> Result<Vec<u8>, Error> {
-    let bytes: Vec<u8> = map.as_slice().iter().flat_map(|v| v.to_be_bytes()).collect();
+    let bytes: Vec<u8> = map
+        .as_slice()
+        .iter()
+        .flat_map(|v| v.to_be_bytes())
+        .collect();
     let (width, height) = (map.width(), map.height());
-    png_bytes(width, height, png::ColorType::Grayscale, png::BitDepth::Sixteen, &bytes)
+    png_bytes(
+        width,
+        height,
+        png::ColorType::Grayscale,
+        png::BitDepth::Sixteen,
+        &bytes,
+    )
 }
 
 fn png_bytes(
@@ -81,15 +109,17 @@ fn png_bytes(
     encoder.set_color(color);
     encoder.set_depth(depth);
     encoder.set_compression(png::Compression::Fast);
-    let mut writer = encoder.write_header().map_err(|e| failed(width, height, e))?;
+    let mut writer = encoder
+        .write_header()
+        .map_err(|e| failed(width, height, &e))?;
     writer
         .write_image_data(bytes)
         .and_then(|()| writer.finish())
-        .map_err(|e| failed(width, height, e))?;
+        .map_err(|e| failed(width, height, &e))?;
     Ok(out)
 }
 
-fn failed(width: usize, height: usize, reason: impl ToString) -> Error {
+fn failed(width: usize, height: usize, reason: &impl ToString) -> Error {
     let reason = reason.to_string();
     Error::Encode {
         width,
@@ -110,7 +140,7 @@ mod tests {
             quality: 95,
             truth: Vec::new(),
             landmarks: Vec::new(),
-            samples_per_axis: 1,
+            samples: crate::recipe::settings::Samples::default(),
             background: [0; 3],
         }
     }
@@ -139,7 +169,9 @@ mod tests {
     fn sixteen_bits_survive() {
         let map = Plane::from_fn(5, 4, |x, y| (x * 10_000 + y * 257) as u16);
         let bytes = encode_gray16(&map).expect("encodes");
-        let read = image::load_from_memory(&bytes).expect("reads").into_luma16();
+        let read = image::load_from_memory(&bytes)
+            .expect("reads")
+            .into_luma16();
         assert_eq!(read.as_raw(), map.as_slice());
     }
 }

@@ -153,7 +153,11 @@ impl Folder {
         fill: impl FnOnce(&mut BufWriter<File>) -> std::io::Result<()>,
     ) -> Result<(), Error> {
         let number = self.next_scratch.fetch_add(1, Ordering::Relaxed);
-        let scratch = self.root.join(WORK).join("scratch").join(number.to_string());
+        let scratch = self
+            .root
+            .join(WORK)
+            .join("scratch")
+            .join(number.to_string());
         let target = self.root.join(name);
         let written = File::create(&scratch).and_then(|file| {
             let mut file = BufWriter::with_capacity(1 << 16, file);
@@ -189,7 +193,9 @@ pub fn finished(root: &Path, recipe_hash: &str) -> Option<Manifest> {
     }
     let checksums = fs::read_to_string(root.join(CHECKSUMS)).ok()?;
     let mut names = checksums.lines().filter_map(|l| l.split_once("  "));
-    names.all(|(_, name)| root.join(name).is_file()).then_some(manifest)
+    names
+        .all(|(_, name)| root.join(name).is_file())
+        .then_some(manifest)
 }
 
 fn journal_name(group: u64) -> String {

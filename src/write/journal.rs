@@ -38,7 +38,8 @@ impl Journal {
             records: self.records.len(),
             files: self.files.clone(),
         };
-        let header = serde_json::to_string(&header).expect("names, sizes and hashes are plain JSON");
+        let header =
+            serde_json::to_string(&header).expect("names, sizes and hashes are plain JSON");
         let mut text = header + "\n";
         for record in &self.records {
             text.push_str(record);

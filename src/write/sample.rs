@@ -2,8 +2,8 @@
 
 use facile_core::Plane;
 
-use super::encode::{encode_gray8, encode_gray16, encode_image, encode_rgb8};
 use super::IMAGES;
+use super::encode::{encode_gray8, encode_gray16, encode_image, encode_rgb8};
 use crate::Error;
 use crate::pipeline::{Maps, Sample};
 use crate::recipe::ImageSettings;
@@ -45,11 +45,26 @@ pub fn encode_sample(sample: &Sample, settings: &ImageSettings) -> Result<Vec<En
                 bytes,
             }));
         };
-        add("segments", maps.segments.as_ref().map(encode_gray8).transpose()?);
-        add("depth", depth16(maps).as_ref().map(encode_gray16).transpose()?);
-        add("normals", normals8(maps).as_ref().map(encode_rgb8).transpose()?);
-        add("visibility", maps.visibility.as_ref().map(encode_gray8).transpose()?);
-        add("occlusion", maps.occlusion.as_ref().map(encode_gray8).transpose()?);
+        add(
+            "segments",
+            maps.segments.as_ref().map(encode_gray8).transpose()?,
+        );
+        add(
+            "depth",
+            depth16(maps).as_ref().map(encode_gray16).transpose()?,
+        );
+        add(
+            "normals",
+            normals8(maps).as_ref().map(encode_rgb8).transpose()?,
+        );
+        add(
+            "visibility",
+            maps.visibility.as_ref().map(encode_gray8).transpose()?,
+        );
+        add(
+            "occlusion",
+            maps.occlusion.as_ref().map(encode_gray8).transpose()?,
+        );
     }
     Ok(files)
 }
@@ -59,7 +74,11 @@ fn depth16(maps: &Maps) -> Option<Plane<u16>> {
     maps.depth_z.as_ref().map(|plane| {
         plane.map(|z| {
             let steps = (f64::from(*z) * maps.depth_steps_per_mm).round();
-            if steps <= f64::from(u16::MAX) { steps as u16 } else { 0 }
+            if steps <= f64::from(u16::MAX) {
+                steps as u16
+            } else {
+                0
+            }
         })
     })
 }

@@ -6,7 +6,10 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 /// A list of points as an `(n, 3)` array.
-pub(crate) fn points<'py>(py: Python<'py>, points: &[Point3]) -> PyResult<Bound<'py, PyArray2<f64>>> {
+pub(crate) fn points<'py>(
+    py: Python<'py>,
+    points: &[Point3],
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let flat: Vec<f64> = points.iter().flat_map(|p| [p.x, p.y, p.z]).collect();
     flat.into_pyarray(py).reshape([points.len(), 3])
 }
@@ -16,7 +19,11 @@ pub(crate) fn triangles<'py>(
     py: Python<'py>,
     triangles: &[[u32; 3]],
 ) -> PyResult<Bound<'py, PyArray2<u32>>> {
-    triangles.as_flattened().to_vec().into_pyarray(py).reshape([triangles.len(), 3])
+    triangles
+        .as_flattened()
+        .to_vec()
+        .into_pyarray(py)
+        .reshape([triangles.len(), 3])
 }
 
 /// A plane as an `(h, w)` array.
@@ -34,7 +41,12 @@ pub(crate) fn plane3<'py, T: numpy::Element + Copy>(
     plane: &Plane<[T; 3]>,
 ) -> PyResult<Bound<'py, PyArray3<T>>> {
     let shape = [plane.height(), plane.width(), 3];
-    plane.as_slice().as_flattened().to_vec().into_pyarray(py).reshape(shape)
+    plane
+        .as_slice()
+        .as_flattened()
+        .to_vec()
+        .into_pyarray(py)
+        .reshape(shape)
 }
 
 /// JSON text as Python values.
@@ -51,6 +63,5 @@ pub(crate) fn to_json(value: &Bound<'_, PyAny>) -> PyResult<serde_json::Value> {
         .import("json")?
         .call_method("dumps", (value,), Some(&mapping))?
         .extract()?;
-    serde_json::from_str(&text)
-        .map_err(|e| pyo3::exceptions::PyValueError::new_err(e.to_string()))
+    serde_json::from_str(&text).map_err(|e| pyo3::exceptions::PyValueError::new_err(e.to_string()))
 }

@@ -8,13 +8,48 @@ use pyo3::create_exception;
 use pyo3::exceptions::PyException;
 use pyo3::prelude::*;
 
-create_exception!(facile, FacileError, PyException, "What can go wrong in Facile.");
-create_exception!(facile, RecipeError, FacileError, "A recipe is wrong; the message shows the line.");
-create_exception!(facile, CoreError, FacileError, "A mesh, texture or name is bad.");
-create_exception!(facile, FlowError, FacileError, "A scan cannot be registered.");
-create_exception!(facile, SimError, FacileError, "A face finds no equilibrium, or cannot be asked for it.");
-create_exception!(facile, TraceError, FacileError, "A scene cannot be rendered.");
-create_exception!(facile, PipelineError, FacileError, "A dataset cannot be read or written.");
+create_exception!(
+    facile,
+    FacileError,
+    PyException,
+    "What can go wrong in Facile."
+);
+create_exception!(
+    facile,
+    RecipeError,
+    FacileError,
+    "A recipe is wrong; the message shows the line."
+);
+create_exception!(
+    facile,
+    CoreError,
+    FacileError,
+    "A mesh, texture or name is bad."
+);
+create_exception!(
+    facile,
+    FlowError,
+    FacileError,
+    "A scan cannot be registered."
+);
+create_exception!(
+    facile,
+    SimError,
+    FacileError,
+    "A face finds no equilibrium, or cannot be asked for it."
+);
+create_exception!(
+    facile,
+    TraceError,
+    FacileError,
+    "A scene cannot be rendered."
+);
+create_exception!(
+    facile,
+    PipelineError,
+    FacileError,
+    "A dataset cannot be read or written."
+);
 
 /// The exception for an error.
 pub(crate) fn exception(error: &Error) -> PyErr {

@@ -20,6 +20,9 @@ mod _facile {
     #[pymodule_export]
     use super::subject::{Face, Subject};
     #[pymodule_export]
-    #[expect(non_upper_case_globals, reason = "the name that Python packages give their version")]
+    #[expect(
+        non_upper_case_globals,
+        reason = "the name that Python packages give their version"
+    )]
     const __version__: &str = env!("CARGO_PKG_VERSION");
 }

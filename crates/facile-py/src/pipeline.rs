@@ -2,13 +2,13 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
-use std::sync::PoisonError;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 
-use facile::generate::{Options, Watch};
-use facile::pipeline::{Sample, SampleCache};
 use facile::Recipe;
+use facile::generate::{Options, Watch};
+use facile::pipeline::{Pipeline, Sample, Worker};
+use facile::plan::Grid;
 use pyo3::exceptions::PyIndexError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -53,7 +53,7 @@ fn sample_dict<'py>(py: Python<'py>, sample: &Sample) -> PyResult<Bound<'py, PyD
 /// The samples of a recipe, made on demand and without files.
 #[pyclass(frozen, module = "facile")]
 pub(crate) struct Dataset {
-    samples: Mutex<SampleCache>,
+    worker: Mutex<Worker>,
     len: u64,
     name: String,
     recipe_hash: String,
@@ -64,13 +64,12 @@ impl Dataset {
     #[new]
     fn new(py: Python<'_>, recipe: &Bound<'_, PyAny>) -> PyResult<Self> {
         let recipe = self::recipe(recipe)?;
-        let name = recipe.name.clone();
-        let samples = heavy(py, |_| SampleCache::new(recipe), |_| Ok(()))?;
+        let pipeline = heavy(py, |_| Pipeline::new(recipe), |_| Ok(()))?;
         Ok(Self {
-            len: samples.len(),
-            name,
-            recipe_hash: samples.pipeline().recipe_hash().to_owned(),
-            samples: Mutex::new(samples),
+            len: Grid::of(pipeline.recipe()).len(),
+            name: pipeline.recipe().name.clone(),
+            recipe_hash: pipeline.recipe_hash().to_owned(),
+            worker: Mutex::new(Worker::new(Arc::new(pipeline))),
         })
     }
 
@@ -86,8 +85,8 @@ impl Dataset {
             return Err(PyIndexError::new_err(message));
         }
         let make = |_: &AtomicBool| {
-            let mut samples = self.samples.lock().unwrap_or_else(PoisonError::into_inner);
-            samples.sample(i as u64)
+            let mut worker = self.worker.lock().unwrap_or_else(PoisonError::into_inner);
+            worker.sample(i as u64)
         };
         let sample = heavy(py, make, |_| Ok(()))?;
         sample_dict(py, &sample)
@@ -190,15 +189,27 @@ pub(crate) fn render<'py>(
         }
     }
     let subject = subject.subject();
-    let sample = heavy(py, |_| facile::pipeline::render_subject(subject, &tables), |_| Ok(()))?;
+    let sample = heavy(
+        py,
+        |_| facile::pipeline::render_subject(subject, &tables),
+        |_| Ok(()),
+    )?;
     sample_dict(py, &sample)
 }
 
-/// Renders a scene file.
+/// Renders a scene file into a folder and returns its timings.
 #[pyfunction]
-pub(crate) fn render_scene<'py>(py: Python<'py>, path: PathBuf) -> PyResult<Bound<'py, PyDict>> {
-    let _ = (py, path);
-    todo!()
+pub(crate) fn render_scene<'py>(
+    py: Python<'py>,
+    path: PathBuf,
+    output: PathBuf,
+) -> PyResult<Bound<'py, PyAny>> {
+    let render = |_: &_| {
+        let report = facile::trace::scene_file::render_scene_file(&path, &output, None)?;
+        Ok(serde_json::json!(report).to_string())
+    };
+    let report = heavy(py, render, |_| Ok(()))?;
+    from_json(py, &report)
 }
 
 /// The JSON Schema of the recipe.

@@ -165,8 +165,8 @@ def render(
 ) -> Sample:
     """Renders one image of a subject. Each mapping has the keys of the recipe's table of that name."""
 
-def render_scene(path: str | PathLike[str]) -> dict[str, Any]:
-    """Renders a scene file: any meshes, one camera, any lights. Returns the first frame as arrays."""
+def render_scene(path: str | PathLike[str], output: str | PathLike[str]) -> dict[str, Any]:
+    """Renders a scene file into the folder ``output``: any meshes, one camera, any lights. Returns the timings, ms."""
 
 def schema() -> dict[str, Any]:
     """The JSON Schema of the recipe."""
