@@ -88,7 +88,11 @@ pub fn predict(recipe: &Recipe, threads: usize, measure: bool) -> Result<Predict
         traced_views: grid.groups() * grid.occluders * grid.views,
         lit_images: grid.len(),
     };
-    let cost = if measure { measured(&pipeline, &grid, &work, threads).ok() } else { None };
+    let cost = if measure {
+        measured(&pipeline, &grid, &work, threads).ok()
+    } else {
+        None
+    };
     Ok(Prediction {
         name: recipe.name.clone(),
         images: grid.len(),

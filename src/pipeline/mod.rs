@@ -14,7 +14,7 @@ mod worker;
 
 use std::collections::BTreeSet;
 
-use facile_core::{LandmarkScheme, Point3, ReferenceHead};
+use facile_core::{LandmarkScheme, ReferenceHead};
 use facile_sim::{FaceRig, MuscleSet};
 
 pub use animate::Face;
@@ -106,11 +106,6 @@ impl Pipeline {
 
     fn face_vertices(&self) -> &[u32] {
         &self.face_vertices
-    }
-
-    fn mouth_is_open(&self, positions: &[Point3]) -> bool {
-        let _ = positions;
-        true
     }
 }
 

@@ -231,11 +231,10 @@ impl Registrations {
         bytes.push(b'\n');
         bytes.extend(result.subject.to_glb(&scan.path, self.reference)?);
         self.cache.put(&key, &bytes);
-        self.read(&bytes, &scan.path)
-            .ok_or_else(|| Error::Dataset {
-                path: scan.path.clone(),
-                reason: "the registered subject does not read back".to_owned(),
-            })
+        self.read(&bytes, &scan.path).ok_or_else(|| Error::Dataset {
+            path: scan.path.clone(),
+            reason: "the registered subject does not read back".to_owned(),
+        })
     }
 
     fn read(&self, bytes: &[u8], path: &Path) -> Option<Registered> {

@@ -38,7 +38,8 @@ impl Pipeline {
         scene.set_positions(&face.positions)?;
         scene.set_gaze(face.gaze)?;
         scene.set_jaw(&face.jaw)?;
-        scene.show_mouth(self.mouth_is_open(&face.positions));
+        // A face at rest has its lips together: what is behind them is left out.
+        scene.show_mouth(face.certificate.is_some());
         Ok(())
     }
 

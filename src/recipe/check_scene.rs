@@ -125,11 +125,15 @@ fn pose(table: &ExpressionTable, place: &Place) -> Result<Pose, Problem> {
     let is_empty = table.muscles.is_empty()
         && table.action_units.is_empty()
         && numbers.iter().all(|(_, value, _, _)| *value == 0.0);
-    let chosen = if is_empty { ExpressionSet::embedded().get(&table.name).map_err(|e| {
+    let chosen = if is_empty {
+        ExpressionSet::embedded().get(&table.name).map_err(|e| {
         sim_problem(&place.key("name"), e).note(
             "an expression of your own gives at least one of muscles, action_units, jaw_deg, gaze_yaw_deg",
         )
-    })? } else { &own };
+    })?
+    } else {
+        &own
+    };
     chosen.pose(muscles).map_err(|e| sim_problem(place, e))
 }
 

@@ -26,7 +26,7 @@ pub fn encode_image(image: &Plane<[u8; 3]>, settings: &ImageSettings) -> Result<
             let mut encoder = jpeg_encoder::Encoder::new(&mut out, settings.quality);
             encoder.set_optimized_huffman_tables(true);
             let size = u16::try_from(width).ok().zip(u16::try_from(height).ok());
-            let (w, h) = size.ok_or_else(|| failed(width, height, "too large for JPEG"))?;
+            let (w, h) = size.ok_or_else(|| failed(width, height, &"too large for JPEG"))?;
             encoder
                 .encode(bytes, w, h, jpeg_encoder::ColorType::Rgb)
                 .map_err(|e| failed(width, height, &e))?;
@@ -119,7 +119,7 @@ fn png_bytes(
     Ok(out)
 }
 
-fn failed(width: usize, height: usize, reason: &impl ToString) -> Error {
+fn failed(width: usize, height: usize, reason: &dyn std::fmt::Display) -> Error {
     let reason = reason.to_string();
     Error::Encode {
         width,
@@ -140,7 +140,7 @@ mod tests {
             quality: 95,
             truth: Vec::new(),
             landmarks: Vec::new(),
-            samples: crate::recipe::settings::Samples::default(),
+            samples: facile_trace::Samples::Count(1),
             background: [0; 3],
         }
     }

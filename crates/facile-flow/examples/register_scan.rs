@@ -1,6 +1,6 @@
 //! Registers one OBJ scan and writes what a person wants to look at.
 //!
-//! `register_scan SCAN.obj TEXTURE|- OUT_DIR [PARAMS.json]` writes to OUT_DIR: `head.obj` (the registered head, reference topology and
+//! `register_scan SCAN.obj TEXTURE|- OUT_DIR [PARAMS.json]` writes to `OUT_DIR`: `head.obj` (the registered head, reference topology and
 //! UV), `head.png` (its texture), `parts.obj` (eyes, teeth and tongue in place), `scan.obj` (the scan in the head
 //! frame), `landmarks.txt` (ibug-68), `error.txt` (expected error per vertex) and `report.json`.
 
@@ -63,8 +63,11 @@ fn main() -> Result<(), Box<dyn Error>> {
     let errors: String = subject
         .expected_error
         .iter()
-        .map(|e| format!("{e}\n"))
-        .collect();
+        .fold(String::new(), |mut text, e| {
+            text.push_str(&e.to_string());
+            text.push('\n');
+            text
+        });
     std::fs::write(out.join("error.txt"), errors)?;
     let report = serde_json::to_string_pretty(&found.report)?;
     eprintln!("{report}");

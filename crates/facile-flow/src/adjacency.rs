@@ -20,16 +20,6 @@ impl Adjacency {
         )
     }
 
-    /// Neighbours over the edges of polygons. Cost O(n log n).
-    pub(crate) fn from_faces(vertex_count: usize, faces: &[Vec<u32>]) -> Self {
-        Self::from_edges(
-            vertex_count,
-            faces
-                .iter()
-                .flat_map(|f| (0..f.len()).map(|k| (f[k], f[(k + 1) % f.len()]))),
-        )
-    }
-
     fn from_edges(vertex_count: usize, edges: impl Iterator<Item = (u32, u32)>) -> Self {
         let mut keys: Vec<(u32, u32)> = edges
             .filter(|(a, b)| a != b)

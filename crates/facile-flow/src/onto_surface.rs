@@ -6,6 +6,7 @@
 //! fading with distance. Folds that a step makes are smoothed away before it counts.
 
 use facile_core::{Point3, Vector3};
+use rayon::prelude::*;
 
 use crate::cage::Target;
 use crate::scan::WorkingScan;
@@ -112,7 +113,6 @@ fn contacts(
                 * (1.0 - far * far),
         })
     };
-    use rayon::prelude::*;
     (0..fine.len()).into_par_iter().map(one).collect()
 }
 

@@ -7,6 +7,9 @@
 use facile_core::math::{cylinder_from_point, radius_of_point};
 use facile_core::{Plane, Point3, Vector3};
 
+/// How far outside a triangle a ray may pass and still hit it, in barycentric weight: no ray slips between neighbours.
+const EDGE_SLACK: f64 = -1e-9;
+
 /// Marks a cell without surface.
 pub const HOLE: u32 = u32::MAX;
 
@@ -163,8 +166,7 @@ impl RadialMap {
                 let v = from_a.dot(&across) / determinant;
                 let along = from_a.cross(&ab);
                 let w = direction.dot(&along) / determinant;
-                const SLACK: f64 = -1e-9;
-                if v < SLACK || w < SLACK || v + w > 1.0 - SLACK {
+                if v < EDGE_SLACK || w < EDGE_SLACK || v + w > 1.0 - EDGE_SLACK {
                     continue;
                 }
                 let r = ac.dot(&along) / determinant;

@@ -80,7 +80,7 @@ impl<'a> Registrar<'a> {
             &shape,
             &settled,
             &expected_error,
-            Facts {
+            &Facts {
                 head_from_scan,
                 curvature_correlation,
                 folded,
@@ -153,7 +153,7 @@ impl<'a> Registrar<'a> {
         shape: &Shape,
         settled: &Settled,
         expected_error: &[f32],
-        facts: Facts,
+        facts: &Facts,
     ) -> RegistrationReport {
         let template = &self.template;
         let n = settled.positions.len();

@@ -202,7 +202,7 @@ mod tests {
                 let at = |d: f64| {
                     let mut y = x.clone();
                     y[i][k] += d;
-                    elements.energy(&y, &offsets, &mut vec![ZERO; 6])
+                    elements.energy(&y, &offsets, &mut [ZERO; 6])
                 };
                 let slope = (at(1e-5) - at(-1e-5)) / 2e-5;
                 assert!((slope - gradient[i][k]).abs() < 1e-6 * (1.0 + slope.abs()));

@@ -78,6 +78,9 @@ pub struct ExpressionSet {
 
 impl ExpressionSet {
     /// The expressions that ship with the program.
+    ///
+    /// # Panics
+    /// If the embedded file is wrong, which a test rules out.
     pub fn embedded() -> &'static Self {
         static SET: OnceLock<ExpressionSet> = OnceLock::new();
         SET.get_or_init(|| {

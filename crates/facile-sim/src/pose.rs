@@ -170,7 +170,7 @@ impl Pose {
             for value in [sides.left, sides.right] {
                 in_range(|| format!("contraction of `{name}`"), value, 0.0, 1.0)?;
             }
-            if sides.left != sides.right {
+            if (sides.left - sides.right).abs() > 0.0 {
                 muscles.key(&format!("{name}.left"))?;
             }
             if muscles.index(name).is_none() || key.muscles.len() != 1 {

@@ -196,7 +196,8 @@ fn cell(t: f64, count: usize) -> (usize, f64, bool) {
     let last = (count - 3) as f64;
     let inside = t.clamp(0.0, last);
     let first = (inside.floor() as usize).min(count - 4);
-    (first, inside - first as f64, inside != t)
+    let outside = t < 0.0 || t > last;
+    (first, inside - first as f64, outside)
 }
 
 /// The four cubic B-splines that overlap a cell.

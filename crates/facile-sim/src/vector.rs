@@ -13,33 +13,33 @@ pub(crate) type M3 = [V3; 3];
 pub(crate) const ZERO: V3 = [0.0; 3];
 pub(crate) const IDENTITY: M3 = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
-#[inline(always)]
+#[inline]
 pub(crate) fn add(a: V3, b: V3) -> V3 {
     [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }
 
-#[inline(always)]
+#[inline]
 pub(crate) fn sub(a: V3, b: V3) -> V3 {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
-#[inline(always)]
+#[inline]
 pub(crate) fn scale(a: V3, s: f64) -> V3 {
     [a[0] * s, a[1] * s, a[2] * s]
 }
 
 /// `a + s b`.
-#[inline(always)]
+#[inline]
 pub(crate) fn add_scaled(a: V3, b: V3, s: f64) -> V3 {
     [a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]]
 }
 
-#[inline(always)]
+#[inline]
 pub(crate) fn dot(a: V3, b: V3) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-#[inline(always)]
+#[inline]
 pub(crate) fn cross(a: V3, b: V3) -> V3 {
     [
         a[1] * b[2] - a[2] * b[1],
@@ -48,26 +48,26 @@ pub(crate) fn cross(a: V3, b: V3) -> V3 {
     ]
 }
 
-#[inline(always)]
+#[inline]
 pub(crate) fn norm(a: V3) -> f64 {
     dot(a, a).sqrt()
 }
 
 /// `a / |a|`, or zero for a vector shorter than `1e-12`.
-#[inline(always)]
+#[inline]
 pub(crate) fn unit(a: V3) -> V3 {
     let n = norm(a);
     if n > 1e-12 { scale(a, 1.0 / n) } else { ZERO }
 }
 
 /// `m a`.
-#[inline(always)]
+#[inline]
 pub(crate) fn rotate(m: &M3, a: V3) -> V3 {
     [dot(m[0], a), dot(m[1], a), dot(m[2], a)]
 }
 
 /// `m^T a`.
-#[inline(always)]
+#[inline]
 pub(crate) fn rotate_back(m: &M3, a: V3) -> V3 {
     [
         m[0][0] * a[0] + m[1][0] * a[1] + m[2][0] * a[2],

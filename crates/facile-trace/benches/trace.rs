@@ -107,7 +107,7 @@ fn frames(criterion: &mut Criterion) {
         ..RenderSettings::default()
     };
     group.bench_function("primary_256", |b| {
-        b.iter(|| trace_view(&scene, &camera, &settings))
+        b.iter(|| trace_view(&scene, &camera, &settings));
     });
     if let Ok(view) = trace_view(&scene, &camera, &settings) {
         group.bench_function("relight_256", |b| b.iter(|| view.shade(&scene, &lights)));

@@ -175,10 +175,7 @@ fn skin_object(
         .with_material(socket, |s| s == Segment::EyeSocket))
 }
 
-fn part<'a>(
-    reference: &'a ReferenceHead,
-    segment: Segment,
-) -> Result<&'a facile_core::Part, TraceError> {
+fn part(reference: &ReferenceHead, segment: Segment) -> Result<&facile_core::Part, TraceError> {
     reference
         .parts
         .iter()

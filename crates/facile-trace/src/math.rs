@@ -38,7 +38,7 @@ pub(crate) fn unit_or(v: Vec3, fallback: Vec3) -> Vec3 {
 
 /// `x^n` by repeated squaring where `n` is whole, by `libm` elsewhere: the same bits on every machine.
 pub(crate) fn power(x: f32, n: f32) -> f32 {
-    if n >= 0.0 && n <= 65_536.0 && n.fract() == 0.0 {
+    if (0.0..=65_536.0).contains(&n) && n.fract() == 0.0 {
         let (mut result, mut square, mut rest) = (1.0, x, n as u32);
         while rest > 0 {
             if rest & 1 == 1 {

@@ -81,7 +81,7 @@ pub fn intersect(ray: &Ray, shear: &RayShear, corners: &[Vec3; 3]) -> Option<(f3
     // Find the distance
     let inverse = 1.0 / determinant;
     let t = (u * az + v * bz + w * cz) * inverse;
-    (t > ray.t_min).then(|| (t, v * inverse, w * inverse))
+    (t > ray.t_min).then_some((t, v * inverse, w * inverse))
 }
 
 /// `a b - c d` in `f64`: the sign is exact because products of two `f32` are.

@@ -349,8 +349,10 @@ impl View {
         let times = ShadeTimes {
             shadow: scratch.shade.shadow_time,
             shade: centers.saturating_sub(centers_shadow),
-            resolve: (start.elapsed() - centers)
-                .saturating_sub(scratch.shade.shadow_time - centers_shadow),
+            resolve: start
+                .elapsed()
+                .saturating_sub(centers)
+                .saturating_sub(scratch.shade.shadow_time.saturating_sub(centers_shadow)),
         };
         Ok(Rendering {
             color,

@@ -478,7 +478,7 @@ fn tiny_images_and_empty_scenes_are_right() {
     );
     let faint = light("kind = 'directional'\ndirection = [0, 0, -1]\nintensity = 0.001");
     assert_close(
-        render(&scene, &camera, &[faint; 1000]).1.color[(1, 1)],
+        render(&scene, &camera, &vec![faint; 1000]).1.color[(1, 1)],
         Rgb::repeat(0.25),
         1e-4,
     );

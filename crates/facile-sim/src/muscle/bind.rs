@@ -224,10 +224,10 @@ impl<'a> Reach<'a> {
         let mut best: Option<(f64, [u32; 3], V3)> = None;
         for t in &self.template.triangles {
             let corners = t.map(|i| self.layers.skin[i as usize]);
-            if let Some((distance, weights)) = ray_triangle(origin, direction, corners) {
-                if best.is_none_or(|(d, _, _)| distance > d) {
-                    best = Some((distance, *t, weights));
-                }
+            if let Some((distance, weights)) = ray_triangle(origin, direction, corners)
+                && best.is_none_or(|(d, _, _)| distance > d)
+            {
+                best = Some((distance, *t, weights));
             }
         }
         best.map(|(_, t, w)| (t, w))

@@ -118,6 +118,9 @@ pub struct MuscleSet {
 
 impl MuscleSet {
     /// The muscles that ship with the program.
+    ///
+    /// # Panics
+    /// If the embedded file is wrong, which a test rules out.
     pub fn embedded() -> &'static Self {
         static SET: OnceLock<MuscleSet> = OnceLock::new();
         SET.get_or_init(|| {
@@ -191,15 +194,14 @@ impl MuscleSet {
             (None, Some(members)) => members.clone(),
             (None, None) => return Err(self.unknown(key)),
         };
-        if sides.len() == 1 {
-            if let Some(&m) = muscles
+        if sides.len() == 1
+            && let Some(&m) = muscles
                 .iter()
                 .find(|&&m| self.muscles[m].side == Symmetry::Midline)
-            {
-                return Err(SimError::NoSides {
-                    name: self.muscles[m].name.clone(),
-                });
-            }
+        {
+            return Err(SimError::NoSides {
+                name: self.muscles[m].name.clone(),
+            });
         }
         Ok(Key { muscles, sides })
     }
