@@ -218,7 +218,7 @@ fn hinges(
     })
 }
 
-/// Zero-length springs between attached fascia and skull, mm of tissue by mm: Table 1's stiffness for each node of the
+/// Stiffness of the zero-length springs between attached fascia and skull: Table 1's stiffness for each node of the
 /// paper's mesh, times the share of such a node's area that a node here stands for, where it is larger. Without it a
 /// coarse chin hangs on too few springs to follow the jaw.
 fn attachments(template: &Template, params: &PaperParams, rest: &[V3]) -> Vec<f64> {

@@ -116,8 +116,8 @@ impl State {
     /// One step of velocity Verlet with damping; returns the elastic energy.
     fn step(&mut self, load: &Load<'_>, dt: f64) -> f64 {
         let moving = &load.model.template.moving;
-        for i in 0..self.x.len() {
-            if moving[i] {
+        for (i, moves) in moving.iter().enumerate() {
+            if *moves {
                 let half = add_scaled(self.velocity[i], self.acceleration[i], 0.5 * dt);
                 self.velocity[i] = half;
                 self.x[i] = add_scaled(self.x[i], half, dt);
@@ -129,8 +129,8 @@ impl State {
         // Second half of the kick, damping taken implicitly: v = (v_half - dt g / 2m) / (1 + dt gamma / 2m).
         let params = &load.model.params;
         let drag = 0.5 * dt * params.damping / params.mass;
-        for i in 0..self.x.len() {
-            if moving[i] {
+        for (i, moves) in moving.iter().enumerate() {
+            if *moves {
                 let pull = scale(self.gradient[i], -1.0 / params.mass);
                 let v = add_scaled(self.velocity[i], pull, 0.5 * dt);
                 self.velocity[i] = scale(v, 1.0 / (1.0 + drag));
