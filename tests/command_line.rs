@@ -1,0 +1,85 @@
+//! The command line: exit codes, and errors that say where and what.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn facile(dir: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_facile"))
+        .args(arguments)
+        .current_dir(dir)
+        .output()
+        .expect("starts")
+}
+
+/// Exit code and errors of `gen` on a recipe.
+fn refused(recipe: &str) -> (Option<i32>, String) {
+    let dir = tempfile::tempdir().expect("makes");
+    std::fs::write(dir.path().join("dataset.toml"), recipe).expect("writes");
+    let output = facile(dir.path(), &["gen", "dataset.toml"]);
+    (
+        output.status.code(),
+        String::from_utf8_lossy(&output.stderr).into_owned(),
+    )
+}
+
+const HEAD: &str = "[dataset]\nname = \"x\"\noutput = \"out\"\n[subjects]\nsampled = 1\n";
+
+#[test]
+fn a_bad_recipe_ends_with_code_two_and_its_line() {
+    let cases = [
+        ("[[expression]]\nname = \"a\"\nmuscle = {}\n", "muscle"),
+        (
+            "[[expression]]\nname = \"a\"\nmuscles = { zygomatic_mayor = 0.5 }\n",
+            "zygomatic_major",
+        ),
+        ("[image]\nsize = [-4, 32]\n", "-4"),
+        ("[[view]]\nyaw_deg = [\"left\"]\n", "yaw_deg"),
+    ];
+    for (addition, wanted) in cases {
+        let (code, errors) = refused(&format!("{HEAD}{addition}"));
+        assert_eq!(code, Some(2), "{addition}: {errors}");
+        assert!(errors.contains(wanted), "{addition}: {errors}");
+        assert!(errors.contains("dataset.toml"), "{addition}: {errors}");
+    }
+}
+
+#[test]
+fn a_missing_recipe_is_named() {
+    let dir = tempfile::tempdir().expect("makes");
+    let output = facile(dir.path(), &["gen", "nowhere.toml"]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("nowhere.toml"));
+}
+
+#[test]
+fn a_scan_without_a_face_is_refused_with_the_measure() {
+    let dir = tempfile::tempdir().expect("makes");
+    let mut cube = String::new();
+    for i in 0..8 {
+        cube += &format!("v {} {} {}\n", i & 1, i >> 1 & 1, i >> 2);
+    }
+    cube += "f 1 3 4 2\nf 5 6 8 7\nf 1 2 6 5\nf 3 7 8 4\nf 1 5 7 3\nf 2 4 8 6\n";
+    std::fs::write(dir.path().join("cube.obj"), cube).expect("writes");
+    let output = facile(dir.path(), &["register", "cube.obj", "-o", "out.glb"]);
+    assert_eq!(output.status.code(), Some(1));
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(errors.contains("cube"), "{errors}");
+    assert!(!dir.path().join("out.glb").exists());
+}
+
+#[test]
+fn the_schema_and_the_plan_are_json() {
+    let dir = tempfile::tempdir().expect("makes");
+    let schema = facile(dir.path(), &["schema"]);
+    let schema: serde_json::Value = serde_json::from_slice(&schema.stdout).expect("JSON");
+    assert!(schema["properties"]["dataset"].is_object());
+    std::fs::write(dir.path().join("dataset.toml"), HEAD).expect("writes");
+    let plan = facile(dir.path(), &["plan", "dataset.toml", "--json"]);
+    assert!(
+        plan.status.success(),
+        "{}",
+        String::from_utf8_lossy(&plan.stderr)
+    );
+    let plan: serde_json::Value = serde_json::from_slice(&plan.stdout).expect("JSON");
+    assert!(plan.is_object(), "{plan}");
+}
