@@ -11,8 +11,9 @@ use crate::vector::{V3, norm, sub};
 
 /// Share of the opening that the lower lid closes.
 const LOWER_SHARE: f64 = 0.16;
-/// The margins pass each other by this much at full closure, mm, so that no gap is left between them.
-const OVERLAP_MM: f64 = 0.35;
+/// The margins pass each other by this much at full closure, mm, so that no gap is left between them where they
+/// are steep.
+const OVERLAP_MM: f64 = 0.6;
 /// Turn of the upper lid by a fully contracted levator, rad.
 const LEVATOR_UP_RAD: f64 = 0.17;
 /// Turn of the lower lid at the same time (its retractors work along), rad.
