@@ -1,6 +1,6 @@
 //! `facile register`
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use facile::core::ReferenceHead;
 use facile::pipeline::Registrations;
@@ -22,9 +22,19 @@ pub(super) struct Arguments {
     texture: Option<PathBuf>,
 }
 
+/// Names the scan in errors that do not.
+fn about(scan: &Path, error: facile::Error) -> anyhow::Error {
+    match error {
+        facile::Error::Flow(e) => anyhow::anyhow!("{}: {e}", scan.display()),
+        other => other.into(),
+    }
+}
+
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<u8> {
     let texture = arguments.texture.as_deref();
-    let registered = Registrations::new().scan(&arguments.scan, texture)?;
+    let registered = Registrations::new()
+        .scan(&arguments.scan, texture)
+        .map_err(|e| about(&arguments.scan, e))?;
     for notice in &registered.notices {
         output::note(notice);
     }

@@ -103,7 +103,7 @@ fn values_out_of_range_are_refused_where_they_stand() {
         (
             "[[expression]]\nname = \"x\"\naction_units = { AU3 = 1 }\n",
             7,
-            25,
+            24,
         ),
         ("[[view]]\nyaw_deg = [nan]\n", 6, 12),
         ("[[view]]\nfov_y_deg = 0\n", 6, 13),

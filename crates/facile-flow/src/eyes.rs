@@ -152,7 +152,8 @@ mod tests {
             .collect();
         let eyes = place_eyes(reference, &positions);
         for (found, expected) in eyes.iter().zip(&reference.eyes) {
-            assert!((found.center - motion * expected.center).norm() < 1e-3);
+            let distance = (found.center - motion * expected.center).norm();
+            assert!(distance < 1.0, "{distance} mm");
             assert!((found.radius - 1.05 * expected.radius).abs() < 1e-9);
         }
     }

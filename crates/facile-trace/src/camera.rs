@@ -201,10 +201,16 @@ impl Camera {
     ) -> Option<[usize; 4]> {
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         for (min, max) in boxes {
-            for corner in 0..8 {
+            let corners: [_; 8] = std::array::from_fn(|corner| {
                 let pick = |k: usize| if corner >> k & 1 == 0 { min[k] } else { max[k] };
-                let point = Point3::new(pick(0).into(), pick(1).into(), pick(2).into());
-                let Some((px, _)) = self.project(&point) else {
+                self.project(&Point3::new(pick(0).into(), pick(1).into(), pick(2).into()))
+            });
+            // A box behind the camera shows nowhere, one around the camera everywhere
+            if corners.iter().all(Option::is_none) {
+                continue;
+            }
+            for corner in corners {
+                let Some((px, _)) = corner else {
                     return Some([0, 0, self.width, self.height]);
                 };
                 low = std::array::from_fn(|k| low[k].min(px[k]));

@@ -275,9 +275,9 @@ mod tests {
             assert!(inside.y < 0.0);
             assert_relative_eq!(inside.norm(), 1.0, epsilon = 1e-5);
             // And back out the way it came
-            let outside = refract(-inside, -Vec3::y(), 1.5);
+            let outside = refract(inside, -Vec3::y(), 1.5);
             if let Some(outside) = outside {
-                assert_relative_eq!(outside, -view, epsilon = 1e-4);
+                assert_relative_eq!(outside, view, epsilon = 1e-4);
             }
         }
         let critical = (1.0_f32 / 1.5).asin();
