@@ -118,12 +118,12 @@ fn values_out_of_range_are_refused_where_they_stand() {
         (
             "[[light]]\nname = \"a\"\nsources = [{ kind = \"ambient\", position = [0, 0, 1] }]\n",
             7,
-            42,
+            43,
         ),
         (
             "[[light]]\nname = \"a\"\nsources = [{ kind = \"directional\", direction = [0, 0, 0] }]\n",
             7,
-            47,
+            48,
         ),
     ];
     for (body, line, column) in scene {
