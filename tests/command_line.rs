@@ -54,11 +54,8 @@ fn a_missing_recipe_is_named() {
 #[test]
 fn a_scan_without_a_face_is_refused_with_the_measure() {
     let dir = tempfile::tempdir().expect("makes");
-    let mut cube = String::new();
-    for i in 0..8 {
-        cube += &format!("v {} {} {}\n", i & 1, i >> 1 & 1, i >> 2);
-    }
-    cube += "f 1 3 4 2\nf 5 6 8 7\nf 1 2 6 5\nf 3 7 8 4\nf 1 5 7 3\nf 2 4 8 6\n";
+    let cube = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nv 0 0 1\nv 1 0 1\nv 0 1 1\nv 1 1 1\n\
+        f 1 3 4 2\nf 5 6 8 7\nf 1 2 6 5\nf 3 7 8 4\nf 1 5 7 3\nf 2 4 8 6\n";
     std::fs::write(dir.path().join("cube.obj"), cube).expect("writes");
     let output = facile(dir.path(), &["register", "cube.obj", "-o", "out.glb"]);
     assert_eq!(output.status.code(), Some(1));

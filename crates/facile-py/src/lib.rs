@@ -2,6 +2,15 @@
 //!
 //! The Python side is `python/facile/__init__.pyi`; every heavy call goes through [`errors::heavy`].
 
+#![expect(
+    clippy::needless_pass_by_value,
+    reason = "arguments from Python arrive by value"
+)]
+#![expect(
+    clippy::unused_self,
+    reason = "properties need an object, even where all share the value"
+)]
+
 use pyo3::prelude::*;
 
 mod convert;

@@ -199,11 +199,11 @@ pub(crate) fn render<'py>(
 
 /// Renders a scene file into a folder and returns its timings.
 #[pyfunction]
-pub(crate) fn render_scene<'py>(
-    py: Python<'py>,
+pub(crate) fn render_scene(
+    py: Python<'_>,
     path: PathBuf,
     output: PathBuf,
-) -> PyResult<Bound<'py, PyAny>> {
+) -> PyResult<Bound<'_, PyAny>> {
     let render = |_: &_| {
         let report = facile::trace::scene_file::render_scene_file(&path, &output, None)?;
         Ok(serde_json::json!(report).to_string())
