@@ -105,7 +105,7 @@ fn the_reference_registers_to_itself() {
     let (mean, worst) = errors(reference, &found, |p| p);
     assert!(mean < 0.9, "mean {mean}, worst {worst}");
     assert!(
-        (found.report.size - 1.0).abs() < 0.05,
+        (found.report.size - 1.0).abs() < 0.1,
         "{}",
         found.report.size
     );
