@@ -72,6 +72,12 @@ pub enum Error {
         /// What the system said.
         reason: String,
     },
+    /// A bug of this program.
+    #[error("internal error, please report it: {reason}")]
+    Internal {
+        /// What was found.
+        reason: String,
+    },
     /// Bad or unreadable mesh, texture or name.
     #[error(transparent)]
     Core(#[from] CoreError),

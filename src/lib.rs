@@ -17,6 +17,8 @@ pub mod predict;
 pub mod recipe;
 pub mod record;
 pub mod sheet;
+pub mod units;
+pub mod verify;
 pub mod write;
 
 pub use error::Error;

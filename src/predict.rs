@@ -10,7 +10,7 @@ use crate::Error;
 use crate::pipeline::{Person, Pipeline, Worker};
 use crate::plan::Grid;
 use crate::recipe::{Recipe, SubjectSource};
-use crate::write::encode_sample;
+use crate::write::Encoder;
 
 /// Views that are made for measure, spread over the recipe's.
 const MEASURED_VIEWS: u64 = 3;
@@ -132,16 +132,15 @@ fn measured(
         worker.forget_view();
         let (sample, both) = timed(|| worker.sample(first));
         let sample = sample?;
-        let settings = &pipeline.recipe().image;
-        let (files, encode) = timed(|| encode_sample(&sample, settings));
-        let files = files?;
+        let (encoded, encode) = timed(|| Encoder::new(pipeline.recipe()).encode(&sample));
+        let encoded = encoded?;
         let (again, shade) = timed(|| worker.sample(first));
         again?;
         view_s += (both - shade).max(0.0);
         image_s += shade + encode;
-        let json = sample.record.to_json().len() + 300;
-        image_bytes += (files[0].bytes.len() + json) as f64;
-        view_bytes += files[1..].iter().map(|f| f.bytes.len()).sum::<usize>() as f64;
+        let json = encoded.record.len() + 300;
+        image_bytes += (encoded.image.len() + json) as f64;
+        view_bytes += encoded.maps.iter().map(|(_, m)| m.len()).sum::<usize>() as f64;
     }
     let n = measured as f64;
     let (view_s, image_s) = (view_s / n, image_s / n);

@@ -80,3 +80,41 @@ fn the_schema_and_the_plan_are_json() {
     let plan: serde_json::Value = serde_json::from_slice(&plan.stdout).expect("JSON");
     assert!(plan.is_object(), "{plan}");
 }
+
+#[test]
+fn a_damaged_scan_is_refused_with_file_and_place() {
+    let triangle = "v 0 0 0\nv 9 0 0\nv 0 9 0\nvt 0 0\nvt 1 0\nvt 0 1\n";
+    let cases = [
+        ("empty.obj", String::new(), "empty.obj"),
+        ("nan.obj", "v 0 0 nan\n".to_owned(), "nan.obj, line 1"),
+        ("far.obj", format!("{triangle}f 1 2 9\n"), "far.obj, line 7"),
+        (
+            "bare.obj",
+            format!("mtllib bare.mtl\n{triangle}usemtl skin\nf 1/1 2/2 3/3\n"),
+            "bare.mtl, line 2: the texture `skin.png`",
+        ),
+    ];
+    let dir = tempfile::tempdir().expect("makes");
+    let material = "newmtl skin\nmap_Kd skin.png\n";
+    std::fs::write(dir.path().join("bare.mtl"), material).expect("writes");
+    for (name, content, wanted) in cases {
+        std::fs::write(dir.path().join(name), content).expect("writes");
+        let output = facile(dir.path(), &["register", name, "-o", "out.glb"]);
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{name}: {errors}");
+        assert!(errors.contains(wanted), "{name}: {errors}");
+        assert!(!errors.contains("panicked"), "{name}: {errors}");
+    }
+}
+
+#[test]
+fn an_output_that_cannot_be_written_is_named() {
+    let dir = tempfile::tempdir().expect("makes");
+    std::fs::write(dir.path().join("dataset.toml"), HEAD).expect("writes");
+    std::fs::write(dir.path().join("file"), "not a folder").expect("writes");
+    let output = facile(dir.path(), &["gen", "dataset.toml", "--output", "file/out"]);
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{errors}");
+    assert!(errors.contains("file/out"), "{errors}");
+    assert!(!errors.contains("panicked"), "{errors}");
+}

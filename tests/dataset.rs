@@ -6,6 +6,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use facile::Recipe;
 use facile::generate::{Options, Summary, Unwatched, Watch, generate};
+use facile::units::Part;
+use facile::verify::{sample_of_row, verify, verify_sample};
+use facile::write::merge;
 
 const RECIPE: &str = r#"
 [dataset]
@@ -18,7 +21,7 @@ samples = 1
 truth = ["landmarks", "segments", "depth", "normals", "visibility", "occlusion"]
 
 [subjects]
-sampled = 2
+sampled = 3
 
 [[expression]]
 name = "neutral"
@@ -48,9 +51,20 @@ fn recipe(dir: &Path, text: &str) -> Recipe {
 }
 
 fn run(recipe: &Recipe, output: PathBuf, jobs: usize, watch: &dyn Watch) -> Summary {
+    run_part(recipe, output, jobs, None, watch)
+}
+
+fn run_part(
+    recipe: &Recipe,
+    output: PathBuf,
+    jobs: usize,
+    part: Option<Part>,
+    watch: &dyn Watch,
+) -> Summary {
     let options = Options {
         output: Some(output),
         jobs: Some(jobs),
+        part,
         ..Options::default()
     };
     generate(recipe, &options, watch).unwrap_or_else(|e| panic!("{e}"))
@@ -102,14 +116,14 @@ fn threads_and_interruptions_leave_no_trace_in_the_bytes() {
     let place = |name: &str| dir.path().join(name);
 
     let one = run(&recipe, place("one"), 1, &Unwatched);
-    assert_eq!((one.samples, one.made, one.failures.len()), (16, 16, 0));
+    assert_eq!((one.samples, one.made, one.failures.len()), (24, 24, 0));
     run(&recipe, place("two"), 2, &Unwatched);
     assert_same(&place("one"), &place("two"));
 
     let stopped = run(&recipe, place("three"), 1, &StopsEarly(AtomicU64::new(0)));
-    assert!(stopped.interrupted && stopped.made < 16, "{stopped:?}");
+    assert!(stopped.interrupted && stopped.made < 24, "{stopped:?}");
     let resumed = run(&recipe, place("three"), 2, &Unwatched);
-    assert_eq!(resumed.kept + resumed.made, 16);
+    assert_eq!(resumed.kept + resumed.made, 24);
     assert!(resumed.kept > 0, "{resumed:?}");
     assert_same(&place("one"), &place("three"));
 }
@@ -125,7 +139,7 @@ fn records_hold_what_the_images_show() {
         .lines()
         .map(|l| serde_json::from_str(l).expect("JSON"))
         .collect();
-    assert_eq!(records.len(), 16);
+    assert_eq!(records.len(), 24);
     for (i, record) in records.iter().enumerate() {
         assert_eq!(record["index"], i);
         let image =
@@ -191,7 +205,7 @@ fn assert_projections(record: &serde_json::Value) {
 fn a_bad_scan_among_good_subjects_is_reported_and_the_rest_is_made() {
     let dir = tempfile::tempdir().expect("makes");
     std::fs::write(dir.path().join("bad.obj"), "v 0 0 nan\n").expect("writes");
-    let text = RECIPE.replace("sampled = 2", "scans = [\"bad.obj\"]\nsampled = 1");
+    let text = RECIPE.replace("sampled = 3", "scans = [\"bad.obj\"]\nsampled = 1");
     let recipe = recipe(dir.path(), &text);
     let summary = run(&recipe, dir.path().join("out"), 2, &Unwatched);
     assert_eq!((summary.samples, summary.made), (16, 8));
@@ -200,4 +214,153 @@ fn a_bad_scan_among_good_subjects_is_reported_and_the_rest_is_made() {
         failures.contains("line 1") && failures.contains("nan"),
         "{failures}"
     );
+}
+
+/// The recipe in every format, in files of a few images.
+fn in_every_format() -> String {
+    RECIPE.replace(
+        "seed = 3",
+        "seed = 3\nformats = [\"webdataset\", \"folder\"]\nimages_per_shard = 5\ncoco = true",
+    )
+}
+
+#[test]
+fn parts_merge_into_the_bytes_of_one_run() {
+    let dir = tempfile::tempdir().expect("makes");
+    let recipe = recipe(dir.path(), &in_every_format());
+    let place = |name: &str| dir.path().join(name);
+    run(&recipe, place("whole"), 2, &Unwatched);
+    for count in [1, 3] {
+        let parts: Vec<PathBuf> = (1..=count)
+            .map(|index| {
+                let folder = place(&format!("part-{index}-of-{count}"));
+                let part = Part::new(index, count);
+                run_part(&recipe, folder.clone(), 1, part, &Unwatched);
+                folder
+            })
+            .collect();
+        let merged = place(&format!("merged-{count}"));
+        // A part that is missing leaves the rest, and can be added later.
+        let first = merge(&parts[..1], &merged, false).unwrap_or_else(|e| panic!("{e}"));
+        assert_eq!(first.complete, count == 1);
+        let manifest = merge(&parts, &merged, false).unwrap_or_else(|e| panic!("{e}"));
+        assert!(manifest.complete);
+        assert_same(&place("whole"), &merged);
+    }
+    let error = merge(&[dir.path().join("nothing")], &place("x"), false).expect_err("no part");
+    assert!(error.to_string().contains("nothing"), "{error}");
+}
+
+#[test]
+fn tar_files_hold_what_the_folder_holds() {
+    let dir = tempfile::tempdir().expect("makes");
+    let recipe = recipe(dir.path(), &in_every_format());
+    let output = dir.path().join("out");
+    run(&recipe, output.clone(), 2, &Unwatched);
+    let text = std::fs::read_to_string(output.join("annotations.jsonl")).expect("reads");
+    let records: Vec<&str> = text.lines().collect();
+    let mut samples = 0;
+    for shard in 0..5 {
+        let path = output.join(format!("webdataset/{shard:06}.tar"));
+        let mut archive = tar::Archive::new(std::fs::File::open(path).expect("opens"));
+        for entry in archive.entries().expect("a tar file") {
+            let mut entry = entry.expect("a member");
+            let name = entry.path().expect("a path").display().to_string();
+            let mut bytes = Vec::new();
+            std::io::Read::read_to_end(&mut entry, &mut bytes).expect("reads");
+            let (stem, ending) = name.split_once('.').expect("an ending");
+            let index: usize = stem.parse().expect("a number");
+            match ending {
+                "json" => {
+                    assert_eq!(bytes, records[index].as_bytes());
+                    assert_eq!(index / 5, shard);
+                    samples += 1;
+                }
+                "png" => {
+                    let file = output.join(format!("images/{stem}.png"));
+                    assert_eq!(bytes, std::fs::read(file).expect("reads"));
+                }
+                _ => {
+                    // Both lightings of a view have the map of the first.
+                    let kind = ending.strip_suffix(".png").expect("a map");
+                    let file = output.join(format!("{kind}/{:06}.png", index / 2 * 2));
+                    assert_eq!(bytes, std::fs::read(file).expect("reads"), "{name}");
+                }
+            }
+        }
+    }
+    assert_eq!(samples, 24);
+}
+
+#[test]
+fn coco_boxes_keypoints_and_masks_agree_with_the_records() {
+    let dir = tempfile::tempdir().expect("makes");
+    let recipe = recipe(dir.path(), &in_every_format());
+    let output = dir.path().join("out");
+    run(&recipe, output.clone(), 2, &Unwatched);
+    let read = |name: &str| std::fs::read_to_string(output.join(name)).expect("reads");
+    let coco: serde_json::Value = serde_json::from_str(&read("coco.json")).expect("JSON");
+    let lists = |key: &str| coco[key].as_array().expect("a list").clone();
+    let (images, annotations) = (lists("images"), lists("annotations"));
+    let records: Vec<serde_json::Value> = read("annotations.jsonl")
+        .lines()
+        .map(|l| serde_json::from_str(l).expect("JSON"))
+        .collect();
+    assert_eq!((images.len(), annotations.len()), (24, 24));
+    for ((record, image), annotation) in records.iter().zip(&images).zip(&annotations) {
+        assert_eq!(image["file_name"], record["image"]);
+        assert_eq!(annotation["image_id"], image["id"]);
+        assert_eq!(
+            annotation["keypoints"].as_array().expect("a list").len(),
+            3 * 68
+        );
+        let px = &record["landmarks"]["ibug68"]["px"][30];
+        assert_eq!(annotation["keypoints"][90], px[0]);
+        let counts = annotation["segmentation"]["counts"]
+            .as_array()
+            .expect("a list");
+        let runs: Vec<u64> = counts
+            .iter()
+            .map(|c| c.as_u64().expect("a number"))
+            .collect();
+        assert_eq!(runs.iter().sum::<u64>(), 48 * 40);
+        let area: u64 = runs.iter().skip(1).step_by(2).sum();
+        assert_eq!(annotation["area"], area);
+        assert!(area > 100, "{area} pixels of face");
+    }
+}
+
+#[test]
+fn damage_is_found_and_only_what_is_missing_is_made_again() {
+    let dir = tempfile::tempdir().expect("makes");
+    let recipe = recipe(dir.path(), &in_every_format());
+    let (good, hurt) = (dir.path().join("good"), dir.path().join("hurt"));
+    run(&recipe, good.clone(), 2, &Unwatched);
+    run(&recipe, hurt.clone(), 2, &Unwatched);
+    assert_eq!(verify(&hurt).expect("reads").bad, []);
+
+    let image = hurt.join("images/000007.png");
+    let mut bytes = std::fs::read(&image).expect("reads");
+    bytes[60] ^= 1;
+    std::fs::write(&image, &bytes).expect("writes");
+    let bad = verify(&hurt).expect("reads").bad;
+    assert_eq!(bad.len(), 1);
+    assert_eq!(bad[0].path, image);
+    let sample = |n| verify_sample(&hurt, recipe.clone(), n).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!(sample(6).bad, []);
+    assert!(
+        sample(7).bad[0].reason.contains("byte 60"),
+        "{:?}",
+        sample(7).bad
+    );
+    assert_eq!(sample_of_row(&hurt, 23).expect("there"), 23);
+    assert!(sample_of_row(&hurt, 24).is_err());
+
+    std::fs::remove_file(&image).expect("removes");
+    let again = run(&recipe, hurt.clone(), 2, &Unwatched);
+    // One file of five images.
+    assert_eq!((again.kept, again.made), (19, 5));
+    assert_same(&good, &hurt);
+    let nothing = run(&recipe, hurt.clone(), 2, &Unwatched);
+    assert_eq!((nothing.kept, nothing.made), (24, 0));
 }

@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use facile::generate::{Options, Summary, Watch, generate};
+use facile::units::Part;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::{DONE, FAILED, INTERRUPTED, RecipeArgument, Refused, output};
@@ -27,6 +28,9 @@ pub(super) struct Arguments {
     /// Only the first N samples.
     #[arg(long, value_name = "N")]
     limit: Option<u64>,
+    /// Make only part I of N, in a folder of its own; `facile merge` puts parts together.
+    #[arg(long, value_name = "I/N")]
+    shard: Option<Part>,
     /// Replace the dataset of another recipe that the folder holds.
     #[arg(long)]
     overwrite: bool,
@@ -41,10 +45,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<u8> {
         output: arguments.output.clone(),
         jobs: arguments.jobs.map(usize::from),
         limit: arguments.limit,
+        part: arguments.shard,
         overwrite: arguments.overwrite,
     };
-    let folder = options.output.as_ref().unwrap_or(&recipe.output);
-    if let Err(e) = std::fs::create_dir_all(folder) {
+    let folder = options.folder(&recipe);
+    if let Err(e) = std::fs::create_dir_all(&folder) {
         return Err(Refused(format!("{}: {e}", folder.display())).into());
     }
     stop_on_ctrl_c()?;
@@ -95,13 +100,13 @@ use facile::write::Failure;
 
 static STOP: AtomicBool = AtomicBool::new(false);
 
-/// The first Ctrl-C lets the groups in hand finish, the second ends the process at once; both can be resumed.
+/// The first Ctrl-C lets the units in hand finish, the second ends the process at once; both can be resumed.
 fn stop_on_ctrl_c() -> anyhow::Result<()> {
     ctrlc::set_handler(|| {
         if STOP.swap(true, Ordering::Relaxed) {
             std::process::exit(i32::from(INTERRUPTED));
         }
-        output::note(&"\nfinishing the samples in hand; Ctrl-C again stops at once");
+        output::note(&"\nfinishing the files in hand; Ctrl-C again stops at once");
     })?;
     Ok(())
 }

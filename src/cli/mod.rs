@@ -6,12 +6,14 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 
 mod r#gen;
+mod merge;
 mod output;
 mod plan;
 mod pose;
 mod register;
 mod render;
 mod sheet;
+mod verify;
 
 /// Everything went well.
 const DONE: u8 = 0;
@@ -36,6 +38,10 @@ enum Command {
     Gen(r#gen::Arguments),
     /// Say what a recipe makes: counts, what is shared and skipped, predicted time and disk space.
     Plan(plan::Arguments),
+    /// Put the parts of a dataset together that `facile gen --shard` made.
+    Merge(merge::Arguments),
+    /// Check the files of a dataset against their hashes, or a sample against the recipe.
+    Verify(verify::Arguments),
     /// Fit the reference head to a scan and write it as GLB.
     Register(register::Arguments),
     /// Contract muscles of a subject, open the jaw, and write the equilibrium as GLB.
@@ -54,6 +60,8 @@ pub(crate) fn main() -> ExitCode {
     let result = match arguments.command {
         Command::Gen(a) => r#gen::run(&a),
         Command::Plan(a) => plan::run(&a),
+        Command::Merge(a) => merge::run(&a),
+        Command::Verify(a) => verify::run(&a),
         Command::Register(a) => register::run(&a),
         Command::Pose(a) => pose::run(&a),
         Command::Render(a) => render::run(&a),

@@ -82,6 +82,17 @@ impl Worker {
         self.traced = None;
     }
 
+    /// Gives the worker a person unless it is who it works with already.
+    pub(crate) fn meet(&mut self, subject: u64, person: &Arc<Person>) {
+        let is_known = self
+            .person
+            .as_ref()
+            .is_some_and(|(s, p)| *s == subject && Arc::ptr_eq(p, person));
+        if !is_known {
+            self.set_person(subject, person.clone());
+        }
+    }
+
     /// Lets the next sample be traced anew, so that this can be timed.
     pub(crate) fn forget_view(&mut self) {
         self.traced = None;

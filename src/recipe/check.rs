@@ -7,24 +7,29 @@ use facile_core::{ReferenceHead, builtin};
 use facile_trace::Samples;
 
 use super::check_scene::{expressions, lightings, occluders, views};
-use super::file::{DatasetTable, ImageTable, RecipeFile, SamplesTable, SubjectsTable};
+use super::file::{
+    DatasetTable, Format, ImageTable, RecipeFile, SamplesTable, SubjectsTable, Truth,
+};
 use super::problem::{Place, Problem};
 use super::settings::{ImageSettings, Recipe, Subjects};
 
 /// Limits that protect against typing errors, not against large datasets.
 const MAX_IMAGES: u64 = 1_000_000_000_000;
 const MAX_SAMPLED: i64 = 1_000_000_000;
+const IMAGES_PER_SHARD: RangeInclusive<i64> = 1..=1_000_000;
 const IMAGE_SIDE: RangeInclusive<i64> = 8..=8192;
 
 /// Checks every value of a recipe. `base` is the folder that globs of scans are relative to.
 pub(crate) fn check(file: RecipeFile, base: &Path) -> Result<Recipe, Problem> {
     let root = Place::default();
-    check_dataset(&file.dataset, &root.key("dataset"))?;
+    check_dataset(&file, &root.key("dataset"))?;
     let recipe = Recipe {
         name: file.dataset.name.clone(),
         seed: file.dataset.seed,
         output: PathBuf::from(&file.dataset.output),
-        formats: file.dataset.formats.clone(),
+        formats: formats(&file.dataset),
+        images_per_shard: file.dataset.images_per_shard as u64,
+        coco: file.dataset.coco,
         image: image(&file.image, &root.key("image"))?,
         subjects: subjects(&file.subjects, &root.key("subjects"), base)?,
         expressions: expressions(&file.expressions, &root.key("expression"))?,
@@ -49,7 +54,8 @@ pub(crate) fn check(file: RecipeFile, base: &Path) -> Result<Recipe, Problem> {
     Ok(recipe)
 }
 
-fn check_dataset(table: &DatasetTable, place: &Place) -> Result<(), Problem> {
+fn check_dataset(file: &RecipeFile, place: &Place) -> Result<(), Problem> {
+    let table = &file.dataset;
     if table.name.trim().is_empty() {
         return Err(place.key("name").problem("the name must not be empty"));
     }
@@ -62,9 +68,32 @@ fn check_dataset(table: &DatasetTable, place: &Place) -> Result<(), Problem> {
         return Err(place
             .key("formats")
             .problem("at least one format is needed")
-            .help("allowed: folder"));
+            .help("allowed: folder, webdataset"));
+    }
+    if !IMAGES_PER_SHARD.contains(&table.images_per_shard) {
+        return Err(place.key("images_per_shard").problem(format!(
+            "the number of images in a shard must be from {} to {}, found {}",
+            IMAGES_PER_SHARD.start(),
+            IMAGES_PER_SHARD.end(),
+            table.images_per_shard
+        )));
+    }
+    let has = |t| file.image.truth.contains(&t);
+    if table.coco && !(has(Truth::Landmarks) && has(Truth::Segments)) {
+        return Err(place
+            .key("coco")
+            .problem("a COCO file needs landmarks and segments")
+            .help("add \"landmarks\" and \"segments\" to image.truth"));
     }
     Ok(())
+}
+
+/// The formats, sorted, each once.
+fn formats(table: &DatasetTable) -> Vec<Format> {
+    let mut formats = table.formats.clone();
+    formats.sort_unstable();
+    formats.dedup();
+    formats
 }
 
 fn image(table: &ImageTable, place: &Place) -> Result<ImageSettings, Problem> {

@@ -49,14 +49,24 @@ pub struct DatasetTable {
     /// How the dataset is stored.
     #[serde(default = "default_formats")]
     pub formats: Vec<Format>,
+    /// Number of images in each file of the formats that hold many in one, from 1 to 1,000,000.
+    #[serde(default = "default_images_per_shard")]
+    pub images_per_shard: i64,
+    /// Write `coco.json` too: boxes, keypoints and the mask of the visible face. Needs the truth `landmarks` and `segments`.
+    #[serde(default)]
+    pub coco: bool,
 }
 
 /// How a dataset is stored.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema,
+)]
 #[serde(rename_all = "snake_case")]
 pub enum Format {
     /// A folder of images and maps with one line of JSON for each image.
     Folder,
+    /// Tar files in the order and naming of `WebDataset`: image, record and maps of a sample side by side.
+    Webdataset,
 }
 
 /// `[image]`
@@ -358,6 +368,10 @@ fn default_output() -> String {
 
 fn default_formats() -> Vec<Format> {
     vec![Format::Folder]
+}
+
+fn default_images_per_shard() -> i64 {
+    1000
 }
 
 fn default_intensities() -> Vec<f64> {

@@ -21,6 +21,10 @@ pub struct Recipe {
     pub output: PathBuf,
     /// How the dataset is stored.
     pub formats: Vec<Format>,
+    /// Number of images in each file of the formats that hold many in one.
+    pub images_per_shard: u64,
+    /// Whether to write a COCO file.
+    pub coco: bool,
     /// Size and encoding of images, and what comes with them.
     pub image: ImageSettings,
     /// Whose faces.
@@ -35,6 +39,14 @@ pub struct Recipe {
     pub lightings: Vec<Lighting>,
     /// The tables this was made from.
     pub file: RecipeFile,
+}
+
+impl Recipe {
+    /// Number of images in each file, if any format holds many in one.
+    pub fn images_per_file(&self) -> Option<u64> {
+        let many = self.formats.iter().any(|f| *f != Format::Folder);
+        many.then_some(self.images_per_shard)
+    }
 }
 
 /// Size and encoding of images, and what comes with them.

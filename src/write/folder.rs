@@ -1,25 +1,33 @@
-//! The `folder` format: files in a folder, written so that no interruption leaves half a file or loses a finished group.
+//! The folder of a dataset, written so that no interruption leaves half a file or loses a finished unit.
 //!
 //! While a run goes on the folder holds `.facile/`: a lock, a scratch folder from which finished files are moved into
-//! place, and one journal for every finished group with its records and the hash of each of its files. When all groups
-//! are done the journals become `annotations.jsonl` and `checksums.b3` (in the format of `b3sum`), and `.facile/` goes.
-//! Read next [`super::journal`] and [`super::manifest`].
+//! place, and one journal for every finished unit with its records and the hash of each of its files. When all units
+//! are done the journals become `annotations.jsonl` and `checksums.b3` (in the format of `b3sum`), and `.facile/` goes;
+//! if files of a finished dataset are lost the journals are made again from these, and only what is missing is remade.
+//! Read next [`super::journal`], [`super::unit`] and [`super::manifest`].
 
 use std::fs::{self, File};
-use std::io::{BufWriter, Write as _};
+use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use crate::Error;
+use rayon::prelude::*;
 
+use crate::Error;
+use crate::recipe::file::Format;
+
+use super::coco::{COCO, write_coco};
 use super::journal::{FileEntry, Journal};
 use super::manifest::{Failure, MANIFEST, Manifest};
+use super::restore;
 
 /// Name of the records in a finished dataset.
 pub const ANNOTATIONS: &str = "annotations.jsonl";
 /// Name of the list of hashes in a finished dataset.
 pub const CHECKSUMS: &str = "checksums.b3";
 const WORK: &str = ".facile";
+const UNITS: &str = ".facile/units";
+const SCRATCH: &str = ".facile/scratch";
 
 /// An output folder that this process writes to.
 #[derive(Debug)]
@@ -45,11 +53,10 @@ impl Folder {
             }
             remove_dataset(root)?;
         }
-        let work = root.join(WORK);
-        for dir in [work.join("groups"), work.join("scratch")] {
+        for dir in [root.join(UNITS), root.join(SCRATCH)] {
             fs::create_dir_all(&dir).map_err(|e| Error::io(&dir, e))?;
         }
-        let lock = lock(root, &work)?;
+        let lock = lock(root)?;
         let folder = Self {
             root: root.to_owned(),
             manifest,
@@ -57,6 +64,12 @@ impl Folder {
             _lock: lock,
         };
         folder.clear_scratch()?;
+        if let Some(found) = Manifest::read(root)?
+            && found.complete
+            && found.part.is_none()
+        {
+            restore::journals(&folder, &found)?;
+        }
         folder.write_manifest(&folder.manifest)?;
         Ok(folder)
     }
@@ -66,79 +79,102 @@ impl Folder {
         &self.root
     }
 
+    /// How the dataset is stored.
+    pub fn formats(&self) -> &[Format] {
+        &self.manifest.formats
+    }
+
     /// Writes one file at once: whoever looks sees all of it or nothing. Returns its size and hash.
     ///
     /// # Errors
     /// [`Error::Io`] with the file.
     pub fn write(&self, name: &str, bytes: &[u8]) -> Result<FileEntry, Error> {
-        self.place(name, |file| file.write_all(bytes))?;
-        Ok(FileEntry {
-            name: name.to_owned(),
-            bytes: bytes.len() as u64,
-            blake3: blake3::hash(bytes).to_hex().to_string(),
-        })
+        self.place(name, |file| file.write_all(bytes))
     }
 
-    /// Marks a group as finished.
+    /// Marks a unit as finished.
     ///
     /// # Errors
     /// [`Error::Io`] with the journal.
-    pub fn finish_group(&self, group: u64, journal: &Journal) -> Result<(), Error> {
-        self.write(&journal_name(group), journal.to_text().as_bytes())
+    pub fn finish_unit(&self, unit: u64, journal: &Journal) -> Result<(), Error> {
+        self.write(&journal_name(unit), journal.to_text().as_bytes())
             .map(|_| ())
     }
 
-    /// The journal of a group if it is finished and all its files are still there.
-    pub fn finished_group(&self, group: u64) -> Option<Journal> {
-        let text = fs::read_to_string(self.root.join(journal_name(group))).ok()?;
-        let journal = Journal::from_text(&text)?;
+    /// The finished units of which all files are still there, in order, with their numbers of samples.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the journals cannot be listed.
+    pub fn finished_units(&self) -> Result<Vec<(u64, u64)>, Error> {
+        let mut units = unit_numbers(&self.root)?;
+        units.sort_unstable();
         let present = |f: &FileEntry| {
             fs::metadata(self.root.join(&f.name)).is_ok_and(|m| m.is_file() && m.len() == f.bytes)
         };
-        journal.files.iter().all(present).then_some(journal)
+        Ok(units
+            .into_par_iter()
+            .filter_map(|unit| {
+                let journal = read_journal(&self.root, unit)?;
+                let is_whole = journal.files.iter().all(present);
+                is_whole.then(|| (unit, journal.samples()))
+            })
+            .collect())
     }
 
-    /// Writes annotations, checksums and manifest from the journals of the groups `0..groups`; groups without one are
-    /// left out. Removes the journals if the dataset is complete. Returns the number of records.
+    /// Writes annotations, checksums and manifest from the journals of the finished units, and removes the journals if
+    /// the dataset is complete. Returns the manifest.
     ///
     /// # Errors
     /// [`Error::Io`] with the file that could not be written.
-    pub fn finish(&self, groups: u64, failures: Vec<Failure>) -> Result<u64, Error> {
-        let mut records = 0;
-        let mut hasher = blake3::Hasher::new();
-        self.place(ANNOTATIONS, |file| {
-            for journal in (0..groups).filter_map(|g| self.finished_group(g)) {
+    pub fn finish(&self) -> Result<Manifest, Error> {
+        let units = self.finished_units()?;
+        let journals = || {
+            units
+                .iter()
+                .filter_map(|(u, _)| read_journal(&self.root, *u))
+        };
+        let mut written = 0;
+        let mut failures = Vec::new();
+        let annotations = self.place(ANNOTATIONS, |file| {
+            for journal in journals() {
                 for record in &journal.records {
-                    hasher.update(record.as_bytes()).update(b"\n");
-                    file.write_all(record.as_bytes())?;
-                    file.write_all(b"\n")?;
-                    records += 1;
+                    writeln!(file, "{record}")?;
                 }
+                written += journal.records.len() as u64;
+                failures.extend(journal.failures);
             }
             Ok(())
         })?;
-        let annotations = hasher.finalize().to_hex();
+        let mut listed = vec![annotations];
+        if self.manifest.coco {
+            listed.push(self.place(COCO, |file| {
+                write_coco(file, &self.manifest.recipe, journals)
+            })?);
+        }
         self.place(CHECKSUMS, |file| {
-            writeln!(file, "{annotations}  {ANNOTATIONS}")?;
-            for journal in (0..groups).filter_map(|g| self.finished_group(g)) {
-                for entry in &journal.files {
-                    writeln!(file, "{}  {}", entry.blake3, entry.name)?;
-                }
+            for entry in &listed {
+                writeln!(file, "{}  {}", entry.blake3, entry.name)?;
+            }
+            for entry in journals().flat_map(|j| j.files) {
+                writeln!(file, "{}  {}", entry.blake3, entry.name)?;
             }
             Ok(())
         })?;
+        failures.sort();
+        let failed: u64 = failures.iter().map(|f| f.samples).sum();
         let manifest = Manifest {
-            written: records,
-            complete: records == self.manifest.samples,
-            failures,
+            written,
+            complete: self.manifest.part.is_none() && written + failed == self.manifest.samples,
+            failures: Failure::joined(failures),
             ..self.manifest.clone()
         };
         self.write_manifest(&manifest)?;
-        if manifest.complete {
+        // A part keeps its journals, from which it is merged.
+        if manifest.complete && manifest.part.is_none() {
             let work = self.root.join(WORK);
             fs::remove_dir_all(&work).map_err(|e| Error::io(&work, e))?;
         }
-        Ok(records)
+        Ok(manifest)
     }
 
     fn write_manifest(&self, manifest: &Manifest) -> Result<(), Error> {
@@ -146,37 +182,35 @@ impl Folder {
             .map(|_| ())
     }
 
-    /// Fills a scratch file and moves it to its place.
+    /// Fills a file and moves it to its place.
     fn place(
         &self,
         name: &str,
-        fill: impl FnOnce(&mut BufWriter<File>) -> std::io::Result<()>,
-    ) -> Result<(), Error> {
+        fill: impl FnOnce(&mut Scratch<'_>) -> std::io::Result<()>,
+    ) -> Result<FileEntry, Error> {
+        let mut scratch = self.scratch(name)?;
+        fill(&mut scratch).map_err(|e| Error::io(scratch.target(), e))?;
+        scratch.commit(name)
+    }
+
+    /// Begins a file that will be called `name`.
+    pub(super) fn scratch(&self, name: &str) -> Result<Scratch<'_>, Error> {
         let number = self.next_scratch.fetch_add(1, Ordering::Relaxed);
-        let scratch = self
-            .root
-            .join(WORK)
-            .join("scratch")
-            .join(number.to_string());
+        let path = self.root.join(SCRATCH).join(number.to_string());
         let target = self.root.join(name);
-        let written = File::create(&scratch).and_then(|file| {
-            let mut file = BufWriter::with_capacity(1 << 16, file);
-            fill(&mut file)?;
-            file.flush()
-        });
-        written.map_err(|e| Error::io(&target, e))?;
-        let moved = fs::rename(&scratch, &target).or_else(|_| {
-            // The first file of a kind makes its folder.
-            if let Some(parent) = target.parent() {
-                fs::create_dir_all(parent)?;
-            }
-            fs::rename(&scratch, &target)
-        });
-        moved.map_err(|e| Error::io(&target, e))
+        let file = File::create(&path).map_err(|e| Error::io(&target, e))?;
+        Ok(Scratch {
+            folder: self,
+            path,
+            target,
+            file: BufWriter::with_capacity(1 << 16, file),
+            hasher: blake3::Hasher::new(),
+            bytes: 0,
+        })
     }
 
     fn clear_scratch(&self) -> Result<(), Error> {
-        let scratch = self.root.join(WORK).join("scratch");
+        let scratch = self.root.join(SCRATCH);
         let entries = fs::read_dir(&scratch).map_err(|e| Error::io(&scratch, e))?;
         for entry in entries.flatten() {
             fs::remove_file(entry.path()).map_err(|e| Error::io(&entry.path(), e))?;
@@ -185,10 +219,59 @@ impl Folder {
     }
 }
 
+/// A file that is being written: hashed on the way, and in its place only when it is whole.
+pub(super) struct Scratch<'a> {
+    folder: &'a Folder,
+    path: PathBuf,
+    target: PathBuf,
+    file: BufWriter<File>,
+    hasher: blake3::Hasher,
+    bytes: u64,
+}
+
+impl Scratch<'_> {
+    /// Where the file will be.
+    pub(super) fn target(&self) -> &Path {
+        &self.target
+    }
+
+    /// Moves the file to its place.
+    pub(super) fn commit(mut self, name: &str) -> Result<FileEntry, Error> {
+        let moved = self.file.flush().and_then(|()| {
+            fs::rename(&self.path, &self.target).or_else(|_| {
+                // The first file of a kind makes its folder.
+                if let Some(parent) = self.target.parent() {
+                    fs::create_dir_all(parent)?;
+                }
+                fs::rename(&self.path, &self.target)
+            })
+        });
+        moved.map_err(|e| Error::io(&self.folder.root.join(name), e))?;
+        Ok(FileEntry {
+            name: name.to_owned(),
+            bytes: self.bytes,
+            blake3: self.hasher.finalize().to_hex().to_string(),
+        })
+    }
+}
+
+impl Write for Scratch<'_> {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        let taken = self.file.write(bytes)?;
+        self.hasher.update(&bytes[..taken]);
+        self.bytes += taken as u64;
+        Ok(taken)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        self.file.flush()
+    }
+}
+
 /// The manifest of a finished dataset at `root` of which every file is in place; `None` if anything is missing.
 pub fn finished(root: &Path, recipe_hash: &str) -> Option<Manifest> {
     let manifest = Manifest::read(root).ok().flatten()?;
-    if !manifest.complete || manifest.recipe_hash != recipe_hash {
+    if !manifest.complete || manifest.part.is_some() || manifest.recipe_hash != recipe_hash {
         return None;
     }
     let checksums = fs::read_to_string(root.join(CHECKSUMS)).ok()?;
@@ -198,8 +281,24 @@ pub fn finished(root: &Path, recipe_hash: &str) -> Option<Manifest> {
         .then_some(manifest)
 }
 
-fn journal_name(group: u64) -> String {
-    format!("{WORK}/groups/{group:08}.jsonl")
+fn journal_name(unit: u64) -> String {
+    format!("{UNITS}/{unit:08}.jsonl")
+}
+
+/// The journal of a unit, if it is there and whole.
+pub(super) fn read_journal(root: &Path, unit: u64) -> Option<Journal> {
+    Journal::from_text(&fs::read_to_string(root.join(journal_name(unit))).ok()?)
+}
+
+/// The units that have a journal, in no order.
+pub(super) fn unit_numbers(root: &Path) -> Result<Vec<u64>, Error> {
+    let dir = root.join(UNITS);
+    let entries = fs::read_dir(&dir).map_err(|e| Error::io(&dir, e))?;
+    let number = |entry: fs::DirEntry| {
+        let name = entry.file_name();
+        name.to_str()?.strip_suffix(".jsonl")?.parse().ok()
+    };
+    Ok(entries.flatten().filter_map(number).collect())
 }
 
 /// Why a folder cannot take this dataset; `None` if it is empty, absent, or holds the same recipe's.
@@ -210,6 +309,12 @@ fn occupied(root: &Path, manifest: &Manifest) -> Result<Option<String>, Error> {
         Err(e) => return Err(Error::io(root, e)),
     };
     match Manifest::read(root)? {
+        Some(found) if found.recipe_hash == manifest.recipe_hash && found.part != manifest.part => {
+            Ok(Some(match found.part {
+                Some(part) => format!("holds part {part} of this dataset"),
+                None => "holds all of this dataset".to_owned(),
+            }))
+        }
         Some(found) if found.recipe_hash == manifest.recipe_hash => Ok(None),
         Some(found) if found.recipe != manifest.recipe => {
             Ok(Some(format!("holds the dataset `{}`", found.recipe)))
@@ -232,7 +337,16 @@ fn occupied(root: &Path, manifest: &Manifest) -> Result<Option<String>, Error> {
 /// Removes what a dataset consists of, and nothing else.
 fn remove_dataset(root: &Path) -> Result<(), Error> {
     let mut names: Vec<String> = super::MAP_FOLDERS.iter().map(|f| (*f).to_owned()).collect();
-    names.extend([super::IMAGES, ANNOTATIONS, CHECKSUMS, MANIFEST, WORK].map(str::to_owned));
+    let others = [
+        super::IMAGES,
+        super::WEBDATASET,
+        ANNOTATIONS,
+        CHECKSUMS,
+        COCO,
+        MANIFEST,
+        WORK,
+    ];
+    names.extend(others.map(str::to_owned));
     for name in names {
         let path = root.join(name);
         let removed = if path.is_dir() {
@@ -247,8 +361,8 @@ fn remove_dataset(root: &Path) -> Result<(), Error> {
     Ok(())
 }
 
-fn lock(root: &Path, work: &Path) -> Result<File, Error> {
-    let path = work.join("lock");
+fn lock(root: &Path) -> Result<File, Error> {
+    let path = root.join(WORK).join("lock");
     let file = File::create(&path).map_err(|e| Error::io(&path, e))?;
     match file.try_lock() {
         Ok(()) => Ok(file),

@@ -5,6 +5,10 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use crate::Error;
+use crate::plan::Grid;
+use crate::recipe::Recipe;
+use crate::recipe::file::Format;
+use crate::units::{Part, Units};
 
 /// Name of the manifest in a dataset.
 pub const MANIFEST: &str = "manifest.json";
@@ -18,11 +22,19 @@ pub struct Manifest {
     pub recipe: String,
     /// Hash of the recipe's content, the scans' bytes and the program's version.
     pub recipe_hash: String,
+    /// How it is stored.
+    pub formats: Vec<Format>,
+    /// Whether a COCO file is written.
+    pub coco: bool,
     /// Number of samples the recipe has.
     pub samples: u64,
-    /// Number of samples in the dataset.
+    /// Number of samples that are stored together, see [`crate::units::Units`].
+    pub samples_per_unit: u64,
+    /// Which part of the recipe's samples this folder is for; `null` for all.
+    pub part: Option<Part>,
+    /// Number of samples in this folder.
     pub written: u64,
-    /// Whether every sample is there.
+    /// Whether every sample is there or known to fail.
     pub complete: bool,
     /// What could not be made.
     pub failures: Vec<Failure>,
@@ -43,18 +55,49 @@ pub struct Failure {
     pub reason: String,
 }
 
+impl Failure {
+    /// Joins failures of neighbouring samples that have all else in common. `failures` is sorted.
+    pub(crate) fn joined(failures: Vec<Self>) -> Vec<Self> {
+        let mut joined: Vec<Self> = Vec::new();
+        for failure in failures {
+            match joined.last_mut() {
+                Some(last)
+                    if last.first + last.samples == failure.first
+                        && last.subject == failure.subject
+                        && last.expression == failure.expression
+                        && last.reason == failure.reason =>
+                {
+                    last.samples += failure.samples;
+                }
+                _ => joined.push(failure),
+            }
+        }
+        joined
+    }
+}
+
 impl Manifest {
     /// The manifest of a dataset before its first sample.
-    pub fn new(recipe: &str, recipe_hash: &str, samples: u64) -> Self {
+    pub fn new(recipe: &Recipe, recipe_hash: &str, part: Option<Part>) -> Self {
+        let samples = Grid::of(recipe).len();
         Self {
             program: format!("facile {}", env!("CARGO_PKG_VERSION")),
-            recipe: recipe.to_owned(),
+            recipe: recipe.name.clone(),
             recipe_hash: recipe_hash.to_owned(),
+            formats: recipe.formats.clone(),
+            coco: recipe.coco,
             samples,
+            samples_per_unit: Units::of(recipe, samples).unit_len(),
+            part,
             written: 0,
             complete: false,
             failures: Vec::new(),
         }
+    }
+
+    /// Number of units of the whole dataset.
+    pub fn units(&self) -> u64 {
+        self.samples.div_ceil(self.samples_per_unit.max(1))
     }
 
     /// The manifest in a folder; `None` if there is none.

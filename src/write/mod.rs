@@ -1,16 +1,25 @@
-//! Storing datasets: encoders, the folder format, the manifest.
+//! Storing datasets: encoders, formats, journals, the manifest; merging parts.
 
+mod coco;
 mod encode;
 mod folder;
 mod journal;
 mod manifest;
+mod merge;
+mod restore;
 mod sample;
+mod unit;
+mod webdataset;
 
+pub use coco::COCO;
 pub use encode::{encode_gray8, encode_gray16, encode_image, encode_rgb8};
 pub use folder::{ANNOTATIONS, CHECKSUMS, Folder, finished};
 pub use journal::{FileEntry, Journal};
 pub use manifest::{Failure, MANIFEST, Manifest};
-pub use sample::{EncodedFile, encode_sample, image_name, map_name};
+pub use merge::merge;
+pub use sample::{EncodedSample, Encoder, image_name, map_name};
+pub use unit::UnitWriter;
+pub use webdataset::{WEBDATASET, tar_name};
 
 /// Folder of the images.
 pub const IMAGES: &str = "images";

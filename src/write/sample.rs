@@ -1,21 +1,124 @@
-//! The files of one sample.
+//! The files of one sample, ready to be written.
+
+use std::sync::Arc;
 
 use facile_core::Plane;
 
 use super::IMAGES;
+use super::coco::coco_line;
 use super::encode::{encode_gray8, encode_gray16, encode_image, encode_rgb8};
 use crate::Error;
 use crate::pipeline::{Maps, Sample};
-use crate::recipe::ImageSettings;
-use crate::recipe::file::Encoding;
+use crate::recipe::Recipe;
+use crate::recipe::file::{Encoding, Format};
 
-/// A file, ready to be written.
+/// A sample in the bytes of its files.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct EncodedFile {
-    /// Path within the dataset, with forward slashes.
-    pub name: String,
-    /// Content.
-    pub bytes: Vec<u8>,
+pub struct EncodedSample {
+    /// Number of the sample.
+    pub index: u64,
+    /// Its record, one line of JSON.
+    pub record: String,
+    /// Its entries of a COCO file, one line of JSON, if the recipe asks for one.
+    pub coco: Option<String>,
+    /// Ending of the image's name.
+    pub extension: &'static str,
+    /// The image.
+    pub image: Vec<u8>,
+    /// Kind and PNG of each map; shared by the samples that differ in light alone.
+    pub maps: Arc<Vec<(&'static str, Vec<u8>)>>,
+    /// Whether the maps' files in a folder are named after this sample.
+    pub owns_maps: bool,
+}
+
+impl EncodedSample {
+    /// The files of this sample in a folder: path within the dataset, with forward slashes, and content.
+    pub fn files(&self) -> impl Iterator<Item = (String, &[u8])> {
+        let image = format!("{IMAGES}/{:06}.{}", self.index, self.extension);
+        let own = if self.owns_maps { &self.maps[..] } else { &[] };
+        let maps = own
+            .iter()
+            .map(|(kind, bytes)| (map_name(kind, self.index), &bytes[..]));
+        std::iter::once((image, &self.image[..])).chain(maps)
+    }
+
+    /// The members of this sample in a tar file: what comes after the stem, and content.
+    pub fn members(&self) -> impl Iterator<Item = (String, &[u8])> {
+        let maps = self
+            .maps
+            .iter()
+            .map(|(kind, bytes)| (format!("{kind}.png"), &bytes[..]));
+        [
+            ("json".to_owned(), self.record.as_bytes()),
+            (self.extension.to_owned(), &self.image[..]),
+        ]
+        .into_iter()
+        .chain(maps)
+    }
+
+    /// Size of the files, bytes.
+    pub fn len(&self) -> usize {
+        let maps: usize = self.maps.iter().map(|(_, bytes)| bytes.len()).sum();
+        self.image.len() + maps + self.record.len()
+    }
+
+    /// Whether there is nothing in it.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
+
+/// Encodes samples, the maps of one view once.
+#[derive(Debug)]
+pub struct Encoder<'a> {
+    recipe: &'a Recipe,
+    /// Whether every sample is stored with its maps, not only the first of a view.
+    all_have_maps: bool,
+    last: Option<(Arc<Maps>, Arc<Vec<(&'static str, Vec<u8>)>>)>,
+}
+
+impl<'a> Encoder<'a> {
+    /// An encoder for the samples of a recipe.
+    pub fn new(recipe: &'a Recipe) -> Self {
+        Self {
+            recipe,
+            all_have_maps: recipe.formats.iter().any(|f| *f != Format::Folder),
+            last: None,
+        }
+    }
+
+    /// Encodes a sample.
+    ///
+    /// # Errors
+    /// [`Error::Encode`] if an encoder refuses the size.
+    pub fn encode(&mut self, sample: &Sample) -> Result<EncodedSample, Error> {
+        let maps = if sample.owns_maps || self.all_have_maps {
+            self.maps(&sample.maps)?
+        } else {
+            Arc::default()
+        };
+        let settings = &self.recipe.image;
+        Ok(EncodedSample {
+            index: sample.record.index,
+            record: sample.record.to_json(),
+            coco: self.recipe.coco.then(|| coco_line(sample)),
+            extension: settings.encoding.extension(),
+            image: encode_image(&sample.image, settings)?,
+            maps,
+            owns_maps: sample.owns_maps,
+        })
+    }
+
+    fn maps(&mut self, maps: &Arc<Maps>) -> Result<Arc<Vec<(&'static str, Vec<u8>)>>, Error> {
+        if let Some((of, encoded)) = &self.last
+            && Arc::ptr_eq(of, maps)
+        {
+            return Ok(encoded.clone());
+        }
+        let encoded = Arc::new(encode_maps(maps)?);
+        self.last = Some((maps.clone(), encoded.clone()));
+        Ok(encoded)
+    }
 }
 
 /// Path of an image within a dataset.
@@ -28,45 +131,25 @@ pub fn map_name(kind: &str, index: u64) -> String {
     format!("{kind}/{index:06}.png")
 }
 
-/// The image of a sample, and its maps unless they belong to a neighbour.
-///
-/// # Errors
-/// [`Error::Encode`] if an encoder refuses the size.
-pub fn encode_sample(sample: &Sample, settings: &ImageSettings) -> Result<Vec<EncodedFile>, Error> {
-    let mut files = vec![EncodedFile {
-        name: sample.record.image.clone(),
-        bytes: encode_image(&sample.image, settings)?,
-    }];
-    if sample.owns_maps {
-        let maps = &sample.maps;
-        let mut add = |kind: &str, bytes: Option<Vec<u8>>| {
-            files.extend(bytes.map(|bytes| EncodedFile {
-                name: map_name(kind, sample.record.index),
-                bytes,
-            }));
-        };
-        add(
-            "segments",
-            maps.segments.as_ref().map(encode_gray8).transpose()?,
-        );
-        add(
+fn encode_maps(maps: &Maps) -> Result<Vec<(&'static str, Vec<u8>)>, Error> {
+    let gray = |plane: &Option<Plane<u8>>| plane.as_ref().map(encode_gray8).transpose();
+    let encoded = [
+        ("segments", gray(&maps.segments)?),
+        (
             "depth",
             depth16(maps).as_ref().map(encode_gray16).transpose()?,
-        );
-        add(
+        ),
+        (
             "normals",
             normals8(maps).as_ref().map(encode_rgb8).transpose()?,
-        );
-        add(
-            "visibility",
-            maps.visibility.as_ref().map(encode_gray8).transpose()?,
-        );
-        add(
-            "occlusion",
-            maps.occlusion.as_ref().map(encode_gray8).transpose()?,
-        );
-    }
-    Ok(files)
+        ),
+        ("visibility", gray(&maps.visibility)?),
+        ("occlusion", gray(&maps.occlusion)?),
+    ];
+    let present = encoded
+        .into_iter()
+        .filter_map(|(kind, bytes)| Some((kind, bytes?)));
+    Ok(present.collect())
 }
 
 /// Depth in steps, see [`Maps::depth_steps_per_mm`]; 0 where nothing is or beyond the last step.

@@ -1,0 +1,395 @@
+//! A whole run: plan, work, write; resumable, the same bytes for any number of threads and any cut into parts.
+//!
+//! Threads take *chunks* of consecutive samples in order ([`Units`]) and make each from equilibrium to files; the unit a
+//! chunk belongs to stores its samples in order and appears as a whole. What fails is noted and the rest goes on; only a
+//! folder that cannot be written ends the run.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use crate::Error;
+use crate::pipeline::{Pipeline, Worker};
+use crate::plan::Grid;
+use crate::recipe::Recipe;
+use crate::units::{Part, Units};
+use crate::write::{self, Encoder, Failure, Folder, Manifest, UnitWriter};
+
+use assembly::Assembly;
+use people::{People, Prepared};
+
+mod assembly;
+mod people;
+
+/// How to run.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Options {
+    /// Folder to write; `None` takes the recipe's.
+    pub output: Option<PathBuf>,
+    /// Number of threads; `None` uses every processor.
+    pub jobs: Option<usize>,
+    /// Only the first so many samples.
+    pub limit: Option<u64>,
+    /// Only this part of the samples, in a folder of its own; see [`write::merge`].
+    pub part: Option<Part>,
+    /// Replace the dataset of another recipe.
+    pub overwrite: bool,
+}
+
+impl Options {
+    /// The folder that is written: the given one or the recipe's, with the part's number after its name.
+    pub fn folder(&self, recipe: &Recipe) -> PathBuf {
+        if let Some(output) = &self.output {
+            return output.clone();
+        }
+        let mut name = recipe.output.clone().into_os_string();
+        if let Some(part) = self.part {
+            name.push(format!("-{}-of-{}", part.index(), part.count()));
+        }
+        name.into()
+    }
+}
+
+/// Hears of a run's progress, from any thread.
+pub trait Watch: Sync {
+    /// The run begins: `total` samples, of which `done` are there already.
+    fn begin(&self, total: u64, done: u64) {
+        let _ = (total, done);
+    }
+
+    /// So many samples more are finished.
+    fn advance(&self, samples: u64) {
+        let _ = samples;
+    }
+
+    /// Something the user should know.
+    fn notice(&self, message: &str) {
+        let _ = message;
+    }
+
+    /// Whether to stop: units in hand are finished, no others begun.
+    fn stops(&self) -> bool {
+        false
+    }
+}
+
+/// Watches nothing.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Unwatched;
+
+impl Watch for Unwatched {}
+
+/// What a run did.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Summary {
+    /// The folder.
+    pub output: PathBuf,
+    /// Samples that were asked for.
+    pub samples: u64,
+    /// Samples that were there before.
+    pub kept: u64,
+    /// Samples that this run made.
+    pub made: u64,
+    /// What could not be made.
+    pub failures: Vec<Failure>,
+    /// Whether the run was stopped before its end.
+    pub interrupted: bool,
+}
+
+impl Summary {
+    /// The summary as JSON.
+    pub fn to_json(&self) -> String {
+        serde_json::json!({
+            "output": self.output.to_string_lossy(),
+            "samples": self.samples,
+            "kept": self.kept,
+            "made": self.made,
+            "failures": self.failures,
+            "interrupted": self.interrupted,
+        })
+        .to_string()
+    }
+}
+
+/// Makes a dataset, or what is missing of it.
+///
+/// # Errors
+/// [`Error::Occupied`] and [`Error::Locked`] for a folder that cannot be used, [`Error::Io`] if it cannot be written.
+/// Bad scans and faces that find no equilibrium are in [`Summary::failures`].
+pub fn generate(recipe: &Recipe, options: &Options, watch: &dyn Watch) -> Result<Summary, Error> {
+    let pipeline = Arc::new(Pipeline::new(recipe.clone())?);
+    let part = options.part;
+    let output = options.folder(recipe);
+    let all = Grid::of(recipe).len();
+    let units = Units::of(recipe, options.limit.unwrap_or(all));
+    if let Some(manifest) = write::finished(&output, pipeline.recipe_hash())
+        && part.is_none()
+        && !options.overwrite
+    {
+        watch.begin(manifest.samples, manifest.samples);
+        return Ok(Summary {
+            output,
+            samples: manifest.samples,
+            kept: manifest.samples,
+            made: 0,
+            failures: manifest.failures,
+            interrupted: false,
+        });
+    }
+    let manifest = Manifest::new(recipe, pipeline.recipe_hash(), part);
+    let folder = Folder::open(&output, manifest, options.overwrite)?;
+    let threads = match options.jobs.unwrap_or(0) {
+        0 => std::thread::available_parallelism().map_or(1, usize::from),
+        n => n,
+    };
+    Run::begin(&pipeline, &folder, units, part, threads, watch)?.work(threads)
+}
+
+/// Runs what may only fail with an error, and makes one of a panic: a bug in one sample must not end a night's run.
+fn caught<T>(work: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
+    std::panic::catch_unwind(std::panic::AssertUnwindSafe(work)).unwrap_or_else(|cause| {
+        let text = cause.downcast_ref::<&str>().map(|s| (*s).to_owned());
+        let text = text.or_else(|| cause.downcast_ref::<String>().cloned());
+        Err(Error::Internal {
+            reason: text.unwrap_or_default(),
+        })
+    })
+}
+
+/// A chunk of a unit, to be made by one thread.
+struct Task<'a> {
+    assembly: Arc<Assembly<'a>>,
+    chunk: usize,
+    samples: std::ops::Range<u64>,
+}
+
+struct Run<'a> {
+    pipeline: &'a Arc<Pipeline>,
+    folder: &'a Folder,
+    grid: Grid,
+    units: Units,
+    /// Number of samples that this run is for.
+    samples: u64,
+    kept: u64,
+    people: People<'a>,
+    queue: Mutex<Queue<'a>>,
+    watch: &'a dyn Watch,
+    made: AtomicU64,
+    /// Whether the folder could not be written.
+    is_broken: AtomicBool,
+}
+
+/// What is still to be done.
+struct Queue<'a> {
+    units: VecDeque<u64>,
+    /// Chunks of the unit that was begun last.
+    tasks: VecDeque<Task<'a>>,
+    /// First subject of what each thread works on.
+    subjects: BTreeMap<usize, u64>,
+}
+
+impl<'a> Run<'a> {
+    fn begin(
+        pipeline: &'a Arc<Pipeline>,
+        folder: &'a Folder,
+        units: Units,
+        part: Option<Part>,
+        threads: usize,
+        watch: &'a dyn Watch,
+    ) -> Result<Self, Error> {
+        let grid = Grid::of(pipeline.recipe());
+        let share = units.of_part(part);
+        let finished: BTreeMap<u64, u64> = folder.finished_units()?.into_iter().collect();
+        let size = |unit: u64| units.samples(unit).count() as u64;
+        let is_done = |unit: &u64| finished.get(unit).is_some_and(|n| *n >= size(*unit));
+        let todo: VecDeque<u64> = share.clone().filter(|u| !is_done(u)).collect();
+        let samples = units.samples(share.end).start - units.samples(share.start).start;
+        let kept = samples - todo.iter().map(|u| size(*u)).sum::<u64>();
+        watch.begin(samples, kept);
+        let last = todo.back().map_or(0, |u| units.samples(*u).end);
+        let end = last.div_ceil(grid.group_len() * grid.expressions);
+        Ok(Self {
+            pipeline,
+            folder,
+            grid,
+            units,
+            samples,
+            kept,
+            people: People::new(pipeline, threads as u64, end),
+            queue: Mutex::new(Queue {
+                units: todo,
+                tasks: VecDeque::new(),
+                subjects: BTreeMap::new(),
+            }),
+            watch,
+            made: AtomicU64::new(0),
+            is_broken: AtomicBool::new(false),
+        })
+    }
+
+    fn work(&self, threads: usize) -> Result<Summary, Error> {
+        let results: Vec<Result<(), Error>> = std::thread::scope(|scope| {
+            let spawned: Vec<_> = (0..threads)
+                .map(|thread| scope.spawn(move || self.thread(thread)))
+                .collect();
+            let joined = spawned.into_iter().map(std::thread::ScopedJoinHandle::join);
+            joined
+                .map(|r| r.unwrap_or_else(|cause| std::panic::resume_unwind(cause)))
+                .collect()
+        });
+        results.into_iter().collect::<Result<(), Error>>()?;
+        let is_left = !self.queue().units.is_empty();
+        let manifest = self.folder.finish()?;
+        Ok(Summary {
+            output: self.folder.root().to_owned(),
+            samples: self.samples,
+            kept: self.kept,
+            made: self.made.load(Ordering::Relaxed),
+            failures: manifest.failures,
+            interrupted: is_left,
+        })
+    }
+
+    /// Works on chunks until none is left. Inner loops run on this thread alone.
+    fn thread(&self, thread: usize) -> Result<(), Error> {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(1)
+            .use_current_thread()
+            .build();
+        let _pool = pool.map_err(|e| Error::Threads {
+            threads: 1,
+            reason: e.to_string(),
+        })?;
+        let mut worker = Worker::new(self.pipeline.clone());
+        while let Some(task) = self.next(thread)? {
+            if let Err(e) = self.chunk(&task, &mut worker) {
+                self.is_broken.store(true, Ordering::Relaxed);
+                return Err(e);
+            }
+        }
+        Ok(())
+    }
+
+    /// The next chunk in order. Begins units, unless the run is to stop.
+    fn next(&self, thread: usize) -> Result<Option<Task<'a>>, Error> {
+        if self.is_broken.load(Ordering::Relaxed) {
+            return Ok(None);
+        }
+        let mut queue = self.queue();
+        while queue.tasks.is_empty() {
+            if self.watch.stops() {
+                return Ok(None);
+            }
+            let Some(unit) = queue.units.pop_front() else {
+                return Ok(None);
+            };
+            let chunks = self.units.chunks(unit);
+            let writer = UnitWriter::new(self.folder, unit)?;
+            let assembly = Arc::new(Assembly::new(writer, chunks.len()));
+            let tasks = chunks.into_iter().enumerate().map(|(chunk, samples)| Task {
+                assembly: assembly.clone(),
+                chunk,
+                samples,
+            });
+            queue.tasks = tasks.collect();
+        }
+        let task = queue.tasks.pop_front();
+        if let Some(task) = &task {
+            let subject = self.grid.factors(task.samples.start).map(|f| f.subject);
+            queue.subjects.insert(thread, subject.unwrap_or(0));
+            let first = queue.subjects.values().min().copied().unwrap_or(0);
+            self.people.forget_before(first);
+        }
+        Ok(task)
+    }
+
+    /// Makes and stores the samples of one chunk. Only a folder that cannot be written is an error.
+    fn chunk(&self, task: &Task<'a>, worker: &mut Worker) -> Result<(), Error> {
+        let mut encoder = Encoder::new(self.pipeline.recipe());
+        let mut index = task.samples.start;
+        while let Some(factors) = self
+            .grid
+            .factors(index)
+            .filter(|_| index < task.samples.end)
+        {
+            let group = index / self.grid.group_len();
+            let person = self.people.get(factors.subject, |s, p| self.heard(s, p));
+            let person = match person {
+                Ok(person) => person,
+                Err(reason) => {
+                    let groups = (factors.subject + 1) * self.grid.expressions;
+                    let end = (groups * self.grid.group_len()).min(task.samples.end);
+                    self.fail(task, index..end, None, &reason);
+                    index = end;
+                    continue;
+                }
+            };
+            worker.meet(factors.subject, &person);
+            match caught(|| encoder.encode(&worker.sample(index)?)) {
+                Ok(sample) => {
+                    task.assembly.push(task.chunk, sample)?;
+                    self.made.fetch_add(1, Ordering::Relaxed);
+                    self.watch.advance(1);
+                    index += 1;
+                }
+                Err(e) => {
+                    // A face without equilibrium fails in all views.
+                    let end = match e {
+                        Error::Sim(_) => self.grid.group_samples(group).end.min(task.samples.end),
+                        _ => index + 1,
+                    };
+                    *worker = Worker::new(self.pipeline.clone());
+                    self.fail(task, index..end, Some(factors.expression), &e.to_string());
+                    index = end;
+                }
+            }
+        }
+        task.assembly.close(task.chunk)
+    }
+
+    /// Tells of a person who was prepared.
+    fn heard(&self, subject: u64, person: &Prepared) {
+        match person {
+            Ok(person) => {
+                for notice in &person.notices {
+                    self.watch.notice(notice);
+                }
+            }
+            Err(reason) => {
+                let id = self.pipeline.subject_id(subject);
+                let message = format!("subject `{id}` is left out: {reason}");
+                self.watch.notice(&message);
+            }
+        }
+    }
+
+    fn fail(
+        &self,
+        task: &Task<'_>,
+        samples: std::ops::Range<u64>,
+        expression: Option<usize>,
+        reason: &str,
+    ) {
+        let factors = self.grid.factors(samples.start);
+        let subject = self.pipeline.subject_id(factors.map_or(0, |f| f.subject));
+        let expression = expression.map(|e| self.pipeline.expression_label(e));
+        if let Some(expression) = &expression {
+            let message = format!("subject `{subject}`, expression {expression}: {reason}");
+            self.watch.notice(&message);
+        }
+        let count = samples.end - samples.start;
+        self.watch.advance(count);
+        task.assembly.fail(Failure {
+            first: samples.start,
+            samples: count,
+            subject,
+            expression,
+            reason: reason.to_owned(),
+        });
+    }
+
+    fn queue(&self) -> MutexGuard<'_, Queue<'a>> {
+        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
