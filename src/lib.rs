@@ -9,6 +9,7 @@ pub use facile_flow as flow;
 pub use facile_sim as sim;
 pub use facile_trace as trace;
 
+pub mod bench;
 mod error;
 pub mod generate;
 pub mod pipeline;

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use rayon::prelude::*;
+use serde::Serialize;
 
 use crate::Error;
 use crate::pipeline::{Pipeline, Worker};
@@ -18,7 +19,7 @@ use crate::write::{self, ANNOTATIONS, CHECKSUMS, EncodedSample, Encoder, Manifes
 const BLOCK: usize = 1 << 16;
 
 /// What a check found.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Verdict {
     /// Number of files that were checked.
     pub files: u64,
@@ -29,7 +30,7 @@ pub struct Verdict {
 }
 
 /// A file that is not what it should be.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct BadFile {
     /// The file.
     pub path: PathBuf,

@@ -5,6 +5,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
+mod bench;
 mod r#gen;
 mod merge;
 mod output;
@@ -50,6 +51,8 @@ enum Command {
     Render(render::Arguments),
     /// Lay the images of a dataset out in one picture.
     Sheet(sheet::Arguments),
+    /// Weigh run time against error: tables and curves.
+    Bench(bench::Arguments),
     /// Print the JSON Schema of the recipe, for editors.
     Schema,
 }
@@ -66,6 +69,7 @@ pub(crate) fn main() -> ExitCode {
         Command::Pose(a) => pose::run(&a),
         Command::Render(a) => render::run(&a),
         Command::Sheet(a) => sheet::run(&a),
+        Command::Bench(a) => bench::run(&a),
         Command::Schema => schema(),
     };
     match result {

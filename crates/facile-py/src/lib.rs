@@ -25,7 +25,7 @@ mod _facile {
         CoreError, FacileError, FlowError, PipelineError, RecipeError, SimError, TraceError,
     };
     #[pymodule_export]
-    use super::pipeline::{Dataset, generate, render, render_scene, schema};
+    use super::pipeline::{Dataset, generate, merge, render, render_scene, schema, verify};
     #[pymodule_export]
     use super::subject::{Face, Subject};
     #[pymodule_export]

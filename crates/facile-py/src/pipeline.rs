@@ -9,9 +9,10 @@ use facile::Recipe;
 use facile::generate::{Options, Watch};
 use facile::pipeline::{Pipeline, Sample, Worker};
 use facile::plan::Grid;
-use pyo3::exceptions::PyIndexError;
+use facile::units::Part;
+use pyo3::exceptions::{PyIndexError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyDict, PyType};
 
 use crate::convert::{from_json, plane, plane3, to_json};
 use crate::errors::{exception, heavy};
@@ -54,6 +55,8 @@ fn sample_dict<'py>(py: Python<'py>, sample: &Sample) -> PyResult<Bound<'py, PyD
 #[pyclass(frozen, module = "facile")]
 pub(crate) struct Dataset {
     worker: Mutex<Worker>,
+    /// What the dataset was made from, for pickling.
+    source: Py<PyAny>,
     len: u64,
     name: String,
     recipe_hash: String,
@@ -63,9 +66,11 @@ pub(crate) struct Dataset {
 impl Dataset {
     #[new]
     fn new(py: Python<'_>, recipe: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let source = recipe.clone().unbind();
         let recipe = self::recipe(recipe)?;
         let pipeline = heavy(py, |_| Pipeline::new(recipe), |_| Ok(()))?;
         Ok(Self {
+            source,
             len: Grid::of(pipeline.recipe()).len(),
             name: pipeline.recipe().name.clone(),
             recipe_hash: pipeline.recipe_hash().to_owned(),
@@ -102,6 +107,14 @@ impl Dataset {
         &self.recipe_hash
     }
 
+    /// Pickles as its recipe: worker processes make their own.
+    fn __reduce__<'py>(
+        slf: &Bound<'py, Self>,
+    ) -> (Bound<'py, PyType>, (Bound<'py, PyAny>,)) {
+        let source = slf.get().source.bind(slf.py()).clone();
+        (slf.get_type(), (source,))
+    }
+
     fn __repr__(&self) -> String {
         format!("Dataset('{}', {} samples)", self.name, self.len)
     }
@@ -131,13 +144,14 @@ impl Watch for Counter<'_> {
 
 /// Generates a dataset, or what is missing of it.
 #[pyfunction]
-#[pyo3(signature = (recipe, *, output=None, jobs=None, limit=None, overwrite=false, progress=None))]
+#[pyo3(signature = (recipe, *, output=None, jobs=None, limit=None, shard=None, overwrite=false, progress=None))]
 pub(crate) fn generate<'py>(
     py: Python<'py>,
     recipe: &Bound<'py, PyAny>,
     output: Option<PathBuf>,
     jobs: Option<usize>,
     limit: Option<u64>,
+    shard: Option<&str>,
     overwrite: bool,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Bound<'py, PyAny>> {
@@ -146,6 +160,7 @@ pub(crate) fn generate<'py>(
         output,
         jobs,
         limit,
+        part: shard.map(part).transpose()?,
         overwrite,
     };
     let (done, total) = (AtomicU64::new(0), AtomicU64::new(0));
@@ -162,6 +177,32 @@ pub(crate) fn generate<'py>(
     };
     let summary = heavy(py, run, tell)?;
     from_json(py, &summary.to_json())
+}
+
+/// A part of a run, `I/N`.
+fn part(text: &str) -> PyResult<Part> {
+    text.parse().map_err(PyValueError::new_err)
+}
+
+/// Puts parts of a dataset together.
+#[pyfunction]
+#[pyo3(signature = (parts, output, *, overwrite=false))]
+pub(crate) fn merge(
+    py: Python<'_>,
+    parts: Vec<PathBuf>,
+    output: PathBuf,
+    overwrite: bool,
+) -> PyResult<Bound<'_, PyAny>> {
+    let run = |_: &_| facile::write::merge(&parts, &output, overwrite);
+    let manifest = heavy(py, run, |_| Ok(()))?;
+    from_json(py, &serde_json::json!(manifest).to_string())
+}
+
+/// Checks every file of a dataset against its hash.
+#[pyfunction]
+pub(crate) fn verify(py: Python<'_>, dataset: PathBuf) -> PyResult<Bound<'_, PyAny>> {
+    let verdict = heavy(py, |_| facile::verify::verify(&dataset), |_| Ok(()))?;
+    from_json(py, &serde_json::json!(verdict).to_string())
 }
 
 /// Renders one image of a subject.

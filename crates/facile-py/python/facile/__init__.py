@@ -23,9 +23,11 @@ from ._facile import (
     TraceError,
     __version__,
     generate,
+    merge,
     render,
     render_scene,
     schema,
+    verify,
 )
 
 __all__ = [
@@ -41,7 +43,9 @@ __all__ = [
     "TraceError",
     "__version__",
     "generate",
+    "merge",
     "render",
     "render_scene",
     "schema",
+    "verify",
 ]

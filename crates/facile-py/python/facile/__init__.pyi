@@ -54,7 +54,7 @@ class Dataset:
     """The samples of a recipe, made on demand and without files.
 
     Sample ``i`` is the same as image ``i`` of :func:`generate`. Reading in order is fastest, since neighbours share
-    registration, equilibrium and primary rays.
+    registration, equilibrium and primary rays. Pickles as its recipe.
     """
 
     def __new__(cls, recipe: Recipe) -> Dataset: ...
@@ -144,15 +144,25 @@ def generate(
     output: str | PathLike[str] | None = None,
     jobs: int | None = None,
     limit: int | None = None,
+    shard: str | None = None,
     overwrite: bool = False,
     progress: Callable[[int, int], object] | None = None,
 ) -> dict[str, Any]:
     """Generates a dataset, or what is missing of it.
 
+    ``shard="I/N"`` makes only part ``I`` of ``N`` in a folder of its own; :func:`merge` puts parts together.
     ``progress`` is called with the samples done and their number, a few times a second. Ctrl-C finishes the samples in
     hand and raises ``KeyboardInterrupt``; the next call goes on from there. Returns the counts ``samples``, ``kept``,
     ``made``, the ``output`` folder and the list of ``failures``.
     """
+
+def merge(
+    parts: Sequence[str | PathLike[str]], output: str | PathLike[str], *, overwrite: bool = False
+) -> dict[str, Any]:
+    """Puts parts of a dataset together: the bytes of one run. Returns the manifest; ``complete`` says if all is there."""
+
+def verify(dataset: str | PathLike[str]) -> dict[str, Any]:
+    """Checks every file against its hash. Returns ``files``, their number, the list ``bad`` and the ``manifest``."""
 
 def render(
     subject: Subject,

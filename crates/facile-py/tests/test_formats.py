@@ -1,0 +1,112 @@
+"""Every format, read back by the reader that its users have."""
+
+import json
+import pickle
+
+import numpy as np
+import pytest
+
+import facile
+
+RECIPE = {
+    "dataset": {"name": "formats", "seed": 5, "formats": ["folder", "webdataset"], "images_per_shard": 3, "coco": True},
+    "image": {"size": [48, 40], "samples": 1, "truth": ["landmarks", "segments", "depth"]},
+    "subjects": {"sampled": 2},
+    "expression": [{"name": "neutral"}],
+    "view": [{"yaw_deg": [-20, 20]}],
+    "light": [
+        {"name": "a", "sources": [{"kind": "point", "position": [400, 200, 800]}]},
+        {"name": "b", "sources": [{"kind": "ambient", "intensity": 0.8}]},
+    ],
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("formats") / "out"
+    summary = facile.generate(RECIPE, output=folder)
+    assert summary["made"] == 8
+    return folder
+
+
+@pytest.fixture(scope="module")
+def records(folder):
+    return [json.loads(line) for line in (folder / "annotations.jsonl").read_text().splitlines()]
+
+
+def test_webdataset_reads_images_records_and_maps(folder, records):
+    import webdataset
+
+    urls = [str(path) for path in sorted((folder / "webdataset").iterdir())]
+    assert len(urls) == 3
+    samples = list(webdataset.WebDataset(urls, shardshuffle=False).decode("rgb8"))
+    assert [int(s["__key__"]) for s in samples] == list(range(8))
+    memory = facile.Dataset(RECIPE)
+    for i, sample in enumerate(samples):
+        assert sample["json"] == records[i]
+        assert np.array_equal(sample["png"], memory[i]["image"])
+        # Decoders for images make three channels of one.
+        assert np.array_equal(sample["segments.png"][..., 0], memory[i]["segments"])
+
+
+def test_coco_tools_read_boxes_keypoints_and_masks(folder, records):
+    from pycocotools.coco import COCO
+
+    coco = COCO(str(folder / "coco.json"))
+    memory = facile.Dataset(RECIPE)
+    assert coco.getImgIds() == list(range(8))
+    [category] = coco.loadCats(coco.getCatIds())
+    assert category["name"] == "face" and len(category["keypoints"]) == 68
+    for i in coco.getImgIds():
+        [annotation] = coco.loadAnns(coco.getAnnIds(imgIds=[i]))
+        mask = coco.annToMask(annotation)
+        segments = memory[i]["segments"]
+        assert mask.shape == segments.shape and mask.sum() == annotation["area"]
+        # Nothing in the mask but head, and all of the nose.
+        assert (segments[mask == 1] > 0).all() and (mask[segments == 7] == 1).all() and (segments == 7).any()
+        px = np.array(records[i]["landmarks"]["ibug68"]["px"])
+        keypoints = np.array(annotation["keypoints"]).reshape(68, 3)
+        labelled = keypoints[:, 2] > 0
+        assert np.allclose(keypoints[labelled, :2], px[labelled])
+        assert annotation["num_keypoints"] == labelled.sum()
+
+
+def test_parts_merge_and_verify(folder, tmp_path):
+    parts = [tmp_path / "1", tmp_path / "2"]
+    for i, part in enumerate(parts, 1):
+        facile.generate(RECIPE, output=part, shard=f"{i}/2")
+    manifest = facile.merge(parts, tmp_path / "whole")
+    assert manifest["complete"] and manifest["written"] == 8
+    assert (tmp_path / "whole" / "checksums.b3").read_text() == (folder / "checksums.b3").read_text()
+    assert facile.verify(tmp_path / "whole")["bad"] == []
+    image = tmp_path / "whole" / "images" / "000003.png"
+    image.unlink()
+    image.write_bytes(b"damaged")
+    [bad] = facile.verify(tmp_path / "whole")["bad"]
+    assert bad["path"] == str(image)
+    with pytest.raises(ValueError, match="I/N"):
+        facile.generate(RECIPE, output=tmp_path / "x", shard="3/2")
+
+
+def test_a_dataset_pickles_as_its_recipe():
+    dataset = facile.Dataset(RECIPE)
+    again = pickle.loads(pickle.dumps(dataset))
+    assert again.recipe_hash == dataset.recipe_hash
+    assert np.array_equal(again[5]["image"], dataset[5]["image"])
+
+
+def test_torch_workers_and_ranks_share_the_samples():
+    torch = pytest.importorskip("torch")
+    from facile.torch import MapDataset, StreamDataset
+
+    def index(sample):
+        return sample["record"]["index"]
+
+    assert len(MapDataset(RECIPE)) == 8
+    assert MapDataset(RECIPE, index)[6] == 6
+    seen = []
+    for rank in range(3):
+        stream = StreamDataset(RECIPE, index, rank=rank, ranks=3)
+        loader = torch.utils.data.DataLoader(stream, batch_size=None, num_workers=2, multiprocessing_context="fork")
+        seen += list(loader)
+    assert sorted(seen) == list(range(8))

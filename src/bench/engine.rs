@@ -1,0 +1,139 @@
+//! `facile bench gen`: images a second by size, threads and what neighbours share.
+
+use std::path::Path;
+use std::time::Instant;
+
+use super::{Axis, Curve, Effort, Findings, Plot, Table, median};
+use crate::Error;
+use crate::generate::{Options, Unwatched, generate};
+use crate::recipe::Recipe;
+use crate::verify::verify;
+
+/// A recipe whose factors share what the paper's example shares: sampled subjects, moved faces, several views and lights.
+fn recipe(case: &Case) -> Result<Recipe, Error> {
+    let yaws: Vec<String> = (0..case.views)
+        .map(|k| format!("{}", -40.0 + 80.0 * (f64::from(k) + 0.5) / f64::from(case.views)))
+        .collect();
+    let lights: String = (0..case.lights)
+        .map(|k| {
+            format!(
+                "[[light]]\nname = \"l{k}\"\nsources = [{{ kind = \"point\", position = [{}, 250, 700] }}, \
+                 {{ kind = \"ambient\", intensity = 0.2 }}]\n",
+                -500 + 200 * k
+            )
+        })
+        .collect();
+    let text = format!(
+        "[dataset]\nname = \"bench\"\nseed = 1\n[image]\nsize = [{0}, {0}]\nsamples = 1\n\
+         truth = [\"landmarks\", \"segments\", \"depth\"]\n[subjects]\nsampled = {1}\n\
+         [[expression]]\nname = \"neutral\"\n[[expression]]\nname = \"smile\"\nintensities = [0.5, 1.0]\n\
+         {lights}[[view]]\nyaw_deg = [{2}]\n[[occluder]]\nkind = \"none\"\n[[occluder]]\nkind = \"glasses\"\n",
+        case.size,
+        case.subjects,
+        yaws.join(", "),
+    );
+    Recipe::parse(&text, Path::new("bench"), Path::new(""))
+}
+
+/// One run.
+#[derive(Clone, Copy)]
+struct Case {
+    size: u32,
+    threads: usize,
+    subjects: u32,
+    views: u32,
+    lights: u32,
+}
+
+const BASE: Case = Case {
+    size: 256,
+    threads: 1,
+    subjects: 2,
+    views: 9,
+    lights: 5,
+};
+
+/// Measures whole runs, verified, in a scratch folder.
+///
+/// # Errors
+/// [`Error::Io`] if the scratch folder cannot be written.
+pub fn engine(effort: Effort) -> Result<Findings, Error> {
+    let mut table = Table::new(&[
+        "size_px", "threads", "subjects", "views", "lights", "images", "seconds", "images_per_s",
+    ]);
+    let all = std::thread::available_parallelism().map_or(1, usize::from);
+    let small = Case {
+        subjects: 1,
+        views: 3,
+        lights: 2,
+        ..BASE
+    };
+    let mut cases: Vec<Case> = effort.of(vec![small], vec![BASE]);
+    if effort == Effort::Full {
+        cases.extend([24, 64, 128, 512].map(|size| Case { size, ..BASE }));
+        cases.extend([2, all].map(|threads| Case { threads, ..BASE }));
+        cases.push(Case { subjects: 8, ..BASE });
+        cases.push(Case { views: 36, ..BASE });
+        cases.push(Case { lights: 20, ..BASE });
+        cases.push(Case { lights: 1, ..BASE });
+    }
+    let mut by_size = Vec::new();
+    for case in cases {
+        let (images, seconds) = measure(&case, effort.of(1, 3))?;
+        let rate = images as f64 / seconds;
+        table.push(vec![
+            f64::from(case.size).into(),
+            (case.threads as f64).into(),
+            f64::from(case.subjects).into(),
+            f64::from(case.views).into(),
+            f64::from(case.lights).into(),
+            (images as f64).into(),
+            seconds.into(),
+            rate.into(),
+        ]);
+        let rest = (case.threads, case.subjects, case.views, case.lights);
+        if rest == (1, BASE.subjects, BASE.views, BASE.lights) {
+            by_size.push((f64::from(case.size), rate));
+        }
+    }
+    by_size.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let plot = Plot {
+        title: "images a second, one thread, start to verified end".to_owned(),
+        x: Axis::logarithmic("width and height, px"),
+        y: Axis::logarithmic("images a second"),
+        curves: vec![Curve {
+            name: "1 sample, landmarks, segments, depth".to_owned(),
+            points: by_size,
+        }],
+    };
+    Ok(Findings {
+        tables: vec![("gen_rate", table)],
+        plots: vec![("gen_rate", plot)],
+    })
+}
+
+/// Number of images, and the median time from start to verified end.
+fn measure(case: &Case, repeats: usize) -> Result<(u64, f64), Error> {
+    let recipe = recipe(case)?;
+    let mut times = Vec::new();
+    let mut images = 0;
+    for _ in 0..repeats {
+        let scratch = tempfile::tempdir().map_err(|e| Error::io(Path::new("scratch folder"), e))?;
+        let output = scratch.path().join("out");
+        let options = Options {
+            output: Some(output.clone()),
+            jobs: Some(case.threads),
+            ..Options::default()
+        };
+        let start = Instant::now();
+        let summary = generate(&recipe, &options, &Unwatched)?;
+        let verdict = verify(&output)?;
+        times.push(start.elapsed().as_secs_f64());
+        images = summary.made;
+        if let Some(bad) = verdict.bad.into_iter().next() {
+            let (path, reason) = (bad.path, bad.reason);
+            return Err(Error::Dataset { path, reason });
+        }
+    }
+    Ok((images, median(times)))
+}

@@ -1,0 +1,55 @@
+//! `facile bench`
+
+use std::path::PathBuf;
+
+use facile::bench::{self, Effort, Findings};
+
+use super::{DONE, output};
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// What to measure; everything if not given.
+    #[arg(value_name = "WHAT")]
+    what: Vec<What>,
+    /// Folder for the tables (CSV) and plots (SVG).
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Only see that it runs: few repetitions, few cases.
+    #[arg(long)]
+    quick: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum What {
+    /// Solvers: error against time, and random poses.
+    Sim,
+    /// Whole runs: images a second.
+    Gen,
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<u8> {
+    let effort = if arguments.quick {
+        Effort::Quick
+    } else {
+        Effort::Full
+    };
+    let mut what = arguments.what.clone();
+    if what.is_empty() {
+        what = vec![What::Sim, What::Gen];
+    }
+    for what in what {
+        let findings = match what {
+            What::Sim => bench::sim(effort)?,
+            What::Gen => bench::engine(effort)?,
+        };
+        tell(&findings);
+        findings.save(&arguments.output)?;
+    }
+    Ok(DONE)
+}
+
+fn tell(findings: &Findings) {
+    for (name, table) in &findings.tables {
+        output::line(&format!("{name}\n{}", table.to_text()));
+    }
+}
