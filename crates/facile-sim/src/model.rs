@@ -120,7 +120,7 @@ impl FaceRig {
         rest.extend(&layers.fascia);
         let params = PaperParams::default();
         let hinges = hinges(reference, subject, template, &cage)?;
-        let field = HeightField::fit(&template.triangles, &layers)?;
+        let field = template.skull.fit(&template.triangles, &layers)?;
         let contacts = contacts(reference, template, &layers, &field, &hinges, subject);
         let bound = template
             .actuators

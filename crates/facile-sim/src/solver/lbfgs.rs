@@ -3,21 +3,29 @@
 //! Source: Nocedal and Wright, Numerical Optimization, 2006, algorithm 7.4 with the initial inverse of
 //! the preconditioner. Energies never rise along an accepted step.
 
-use std::collections::VecDeque;
-
-use crate::vector::{V3, add_scaled, dot};
+use crate::simd::{Kernel, add_to, dispatch, inner};
+use crate::vector::V3;
 
 /// Pairs of steps and gradient changes that are kept.
 const MEMORY: usize = 8;
 /// Smallest accepted share of the decrease that the slope promises.
 const ARMIJO: f64 = 1e-4;
-/// Halvings before a step counts as failed.
-const MAX_HALVINGS: usize = 30;
+/// Shortenings before a step counts as failed.
+const MAX_SHORTENINGS: usize = 30;
+/// Energies nearer than this share of their size are equal: differences below it are rounding.
+const ROUNDING: f64 = 1e-13;
 
-/// State of the iteration.
+/// State of the iteration. It owns all memory that an iteration needs.
 #[derive(Debug, Default)]
 pub(crate) struct Lbfgs {
-    pairs: VecDeque<Pair>,
+    /// Ring of pairs: the newest is at `(first + count - 1) % MEMORY`.
+    pairs: Vec<Pair>,
+    first: usize,
+    count: usize,
+    direction: Vec<V3>,
+    work: Vec<V3>,
+    trial: Vec<V3>,
+    trial_gradient: Vec<V3>,
 }
 
 #[derive(Debug)]
@@ -32,14 +40,15 @@ struct Pair {
 pub(crate) enum Step {
     /// `x` moved downhill.
     Accepted,
-    /// No shorter step lowers the energy: rounding is reached.
+    /// No shorter step lowers the energy.
     Stalled,
 }
 
 impl Lbfgs {
     /// Forgets what was learned: needed when the function changes.
     pub(crate) fn reset(&mut self) {
-        self.pairs.clear();
+        self.count = 0;
+        self.first = 0;
     }
 
     /// One iteration. `x`, `gradient`, `energy` are replaced by those after the step.
@@ -53,81 +62,136 @@ impl Lbfgs {
         mut inverse: impl FnMut(&[V3], &mut [V3]),
         mut function: impl FnMut(&[V3], &mut [V3]) -> f64,
     ) -> Step {
-        let mut direction = self.direction(gradient, &mut inverse);
-        let mut slope = inner(&direction, gradient);
-        if slope >= 0.0 {
+        self.prepare(x.len());
+        self.descend(gradient, &mut inverse);
+        let mut slope = dot(&self.direction, gradient);
+        if slope.is_nan() || slope >= 0.0 {
             self.reset();
-            inverse(gradient, &mut direction);
-            slope = inner(&direction, gradient);
+            inverse(gradient, &mut self.direction);
+            slope = dot(&self.direction, gradient);
         }
-        let mut trial = x.clone();
-        let mut trial_gradient = gradient.clone();
         let mut length = 1.0;
-        for _ in 0..MAX_HALVINGS {
-            for ((t, p), d) in trial.iter_mut().zip(x.iter()).zip(&direction) {
-                *t = add_scaled(*p, *d, length);
-            }
-            let value = function(&trial, &mut trial_gradient);
-            if value <= *energy + ARMIJO * length * slope {
-                self.remember(x, gradient, &trial, &trial_gradient);
-                std::mem::swap(x, &mut trial);
-                std::mem::swap(gradient, &mut trial_gradient);
+        for _ in 0..MAX_SHORTENINGS {
+            self.trial.copy_from_slice(x);
+            add_scaled(&mut self.trial, &self.direction, length);
+            let value = function(&self.trial, &mut self.trial_gradient);
+            let end = dot(&self.direction, &self.trial_gradient);
+            if accepts(*energy, value, slope, end, length) {
+                self.remember(x, gradient);
+                std::mem::swap(x, &mut self.trial);
+                std::mem::swap(gradient, &mut self.trial_gradient);
                 *energy = value;
                 return Step::Accepted;
             }
-            length *= 0.5;
+            // The minimum of the parabola through both energies and the slope, within bounds.
+            let rise = value - *energy - length * slope;
+            let best = -0.5 * slope * length * length / rise;
+            length = if best.is_finite() {
+                best.clamp(0.1 * length, 0.5 * length)
+            } else {
+                0.1 * length
+            };
         }
         Step::Stalled
     }
 
-    fn direction(&self, gradient: &[V3], inverse: &mut impl FnMut(&[V3], &mut [V3])) -> Vec<V3> {
-        let mut q = gradient.to_vec();
-        let mut shares = vec![0.0; self.pairs.len()];
-        for (share, pair) in shares.iter_mut().zip(&self.pairs).rev() {
-            *share = inner(&pair.step, &q) / pair.curvature;
-            add_to(&mut q, &pair.change, -*share);
+    fn prepare(&mut self, n: usize) {
+        if self.direction.len() != n {
+            *self = Self::default();
+            let zero = || vec![[0.0; 3]; n];
+            self.pairs = (0..MEMORY)
+                .map(|_| Pair {
+                    step: zero(),
+                    change: zero(),
+                    curvature: 0.0,
+                })
+                .collect();
+            self.direction = zero();
+            self.work = zero();
+            self.trial = zero();
+            self.trial_gradient = zero();
         }
-        let mut out = vec![[0.0; 3]; q.len()];
-        inverse(&q, &mut out);
-        for (share, pair) in shares.iter().zip(&self.pairs) {
-            let back = inner(&pair.change, &out) / pair.curvature;
-            add_to(&mut out, &pair.step, -(share + back));
-        }
-        out
     }
 
-    fn remember(&mut self, x: &[V3], gradient: &[V3], next: &[V3], next_gradient: &[V3]) {
-        let change = |a: &[V3], b: &[V3]| -> Vec<V3> {
-            a.iter()
-                .zip(b)
-                .map(|(p, q)| add_scaled(*p, *q, -1.0))
-                .collect()
-        };
-        let step = change(next, x);
-        let change = change(next_gradient, gradient);
-        let curvature = inner(&step, &change);
-        let size = inner(&change, &change).sqrt() * inner(&step, &step).sqrt();
-        // Steps without positive curvature would make the inverse indefinite.
-        if curvature > 1e-10 * size && size > 0.0 {
-            if self.pairs.len() == MEMORY {
-                self.pairs.pop_front();
-            }
-            self.pairs.push_back(Pair {
-                step,
-                change,
-                curvature,
-            });
+    /// The direction of the two loops, `-H g`.
+    fn descend(&mut self, gradient: &[V3], inverse: &mut impl FnMut(&[V3], &mut [V3])) {
+        self.work.copy_from_slice(gradient);
+        let mut shares = [0.0; MEMORY];
+        for k in (0..self.count).rev() {
+            let pair = &self.pairs[(self.first + k) % MEMORY];
+            shares[k] = dot(&pair.step, &self.work) / pair.curvature;
+            add_scaled(&mut self.work, &pair.change, -shares[k]);
+        }
+        inverse(&self.work, &mut self.direction);
+        for (k, share) in shares.iter().enumerate().take(self.count) {
+            let pair = &self.pairs[(self.first + k) % MEMORY];
+            let back = dot(&pair.change, &self.direction) / pair.curvature;
+            add_scaled(&mut self.direction, &pair.step, -(share + back));
+        }
+    }
+
+    /// Keeps the step from `x` to the trial.
+    fn remember(&mut self, x: &[V3], gradient: &[V3]) {
+        let full = self.count == MEMORY;
+        let slot = (self.first + self.count) % MEMORY;
+        let pair = &mut self.pairs[slot];
+        difference(&mut pair.step, &self.trial, x);
+        difference(&mut pair.change, &self.trial_gradient, gradient);
+        pair.curvature = dot(&pair.step, &pair.change);
+        let size = (dot(&pair.change, &pair.change) * dot(&pair.step, &pair.step)).sqrt();
+        // Steps without positive curvature would make the inverse indefinite. A full ring has lost its oldest pair here.
+        if full {
+            self.first = (self.first + 1) % MEMORY;
+            self.count -= 1;
+        }
+        if pair.curvature > 1e-10 * size && size > 0.0 {
+            self.count += 1;
         }
     }
 }
 
-fn inner(a: &[V3], b: &[V3]) -> f64 {
-    a.iter().zip(b).map(|(p, q)| dot(*p, *q)).sum()
+/// Whether a step of this length goes far enough downhill. Where the energies differ by rounding alone, the slope at the
+/// end decides: the approximate Wolfe condition of Hager and Zhang, 2005.
+fn accepts(before: f64, after: f64, slope: f64, end: f64, length: f64) -> bool {
+    if after <= before + ARMIJO * length * slope {
+        return true;
+    }
+    let level = after <= before + ROUNDING * before.abs();
+    level && end.abs() <= 0.9 * slope.abs()
 }
 
-fn add_to(a: &mut [V3], b: &[V3], s: f64) {
-    for (p, q) in a.iter_mut().zip(b) {
-        *p = add_scaled(*p, *q, s);
+struct Dot<'a>(&'a [V3], &'a [V3]);
+
+impl Kernel for Dot<'_> {
+    type Output = f64;
+    #[inline(always)]
+    fn run(self) -> f64 {
+        inner(self.0.as_flattened(), self.1.as_flattened())
+    }
+}
+
+fn dot(a: &[V3], b: &[V3]) -> f64 {
+    dispatch(Dot(a, b))
+}
+
+struct AddScaled<'a>(&'a mut [V3], &'a [V3], f64);
+
+impl Kernel for AddScaled<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run(self) {
+        add_to(self.0.as_flattened_mut(), self.1.as_flattened(), self.2);
+    }
+}
+
+fn add_scaled(a: &mut [V3], b: &[V3], s: f64) {
+    dispatch(AddScaled(a, b, s));
+}
+
+fn difference(out: &mut [V3], a: &[V3], b: &[V3]) {
+    let (out, a, b) = (out.as_flattened_mut(), a.as_flattened(), b.as_flattened());
+    for ((o, a), b) in out.iter_mut().zip(a).zip(b) {
+        *o = a - b;
     }
 }
 
@@ -160,6 +224,6 @@ mod tests {
             }
             assert!(energy <= before);
         }
-        assert!(dot(gradient[0], gradient[0]).sqrt() < 1e-6, "{gradient:?}");
+        assert!(dot(&gradient, &gradient).sqrt() < 1e-6, "{gradient:?}");
     }
 }

@@ -21,8 +21,8 @@ use crate::kinematics::eye_rotation;
 use crate::load::Load;
 use crate::model::FaceModel;
 use crate::pose::Pose;
-use crate::sparse::Factor;
 use crate::vector::{V3, sub, to_point};
+use lbfgs::Lbfgs;
 use preconditioner::Preconditioner;
 
 /// Which way to the equilibrium.
@@ -113,7 +113,7 @@ pub struct Solver {
 #[derive(Debug)]
 struct Scratch {
     preconditioner: Preconditioner,
-    follow: Factor,
+    lbfgs: Lbfgs,
     nodes: usize,
 }
 
@@ -148,7 +148,7 @@ impl Solver {
             Some(s) if s.nodes == model.rest.len() => s,
             _ => Scratch {
                 preconditioner: Preconditioner::new(&model.template.pattern),
-                follow: model.follow.factor()?,
+                lbfgs: Lbfgs::default(),
                 nodes: model.rest.len(),
             },
         };
@@ -170,9 +170,7 @@ fn solve(
         (model.rest.clone(), certificate::assess(&load, &model.rest))
     } else {
         match params.kind {
-            SolverKind::QuasiStatic => {
-                quasi_static::solve(&mut scratch.preconditioner, model, pose, params)?
-            }
+            SolverKind::QuasiStatic => quasi_static::solve(scratch, model, pose, params)?,
             SolverKind::Verlet => verlet::solve(model, pose, params)?,
         }
     };
@@ -187,17 +185,11 @@ fn solve(
             penetration_mm: certificate.max_penetration_mm,
         });
     }
-    Ok(finish(&mut scratch.follow, &load, &x, pose, certificate))
+    Ok(finish(&load, &x, pose, certificate))
 }
 
 /// From nodes to fine vertices, in the head's frame.
-fn finish(
-    factor: &mut Factor,
-    load: &Load<'_>,
-    x: &[V3],
-    pose: &Pose,
-    certificate: Certificate,
-) -> Equilibrium {
+fn finish(load: &Load<'_>, x: &[V3], pose: &Pose, certificate: Certificate) -> Equilibrium {
     let model = load.model;
     let carried: Vec<V3> = model
         .cage
@@ -209,7 +201,7 @@ fn finish(
     for (i, &v) in model.template.cage_of_node.iter().enumerate() {
         displacement[v as usize] = sub(x[i], model.rest[i]);
     }
-    model.follow.complete(factor, &mut displacement, &carried);
+    model.follow.complete(&mut displacement, &carried);
     let head = &model.head_from_skull;
     let turned: Vec<V3> = displacement
         .iter()

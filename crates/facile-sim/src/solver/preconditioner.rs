@@ -8,7 +8,9 @@
 use crate::SimError;
 use crate::elements::Volume;
 use crate::load::Load;
+use crate::simd::{LANES, Lanes};
 use crate::sparse::{Factor, Pattern};
+use crate::springs::ends;
 use crate::vector::{V3, ZERO, dot};
 
 /// Share of a volume gradient's square that acts along each coordinate.
@@ -19,20 +21,29 @@ const CONTACT_SHARE: f64 = 0.5;
 /// Rows of the nodes that the solver moves, and where prisms add to the matrix.
 #[derive(Debug)]
 pub(crate) struct SystemPattern {
-    /// Row of each node.
-    rows: Vec<Option<u32>>,
     /// Nodes by row.
     nodes: Vec<u32>,
     pattern: Pattern,
-    /// For each prism, the slots of its 21 pairs of nodes, `u32::MAX` where one does not move.
-    elements: Vec<[u32; 21]>,
+    /// Slot of each node's diagonal entry.
+    diagonal: Vec<u32>,
+    /// For each edge and lane, the slot of the pair of its ends.
+    edges: Vec<[u32; LANES]>,
+    /// Slot of the pair of skin and fascia of each node.
+    columns: Vec<u32>,
+    /// For each prism, the slots of its 15 pairs of different nodes.
+    elements: Vec<[u32; 15]>,
+    /// Number of entries. The slot after the last one takes what belongs to nodes that do not move.
+    entries: usize,
 }
 
-const NO_SLOT: u32 = u32::MAX;
-
 impl SystemPattern {
-    /// The pattern over the prisms of `triangles`; `moving`: for the skin's nodes, then the fascia's.
-    pub(crate) fn new(triangles: &[[u32; 3]], moving: &[bool]) -> Result<Self, SimError> {
+    /// The pattern over the prisms of `triangles`, whose sides are `edges`; `moving`: for the skin's nodes, then the
+    /// fascia's.
+    pub(crate) fn new(
+        triangles: &[[u32; 3]],
+        edges: &[[u32; 2]],
+        moving: &[bool],
+    ) -> Result<Self, SimError> {
         let n = (moving.len() / 2) as u32;
         let mut rows = vec![None; moving.len()];
         let mut nodes = Vec::new();
@@ -40,55 +51,67 @@ impl SystemPattern {
             rows[i] = Some(nodes.len() as u32);
             nodes.push(i as u32);
         }
-        let prism = |t: &[u32; 3]| [t[0], t[1], t[2], n + t[0], n + t[1], n + t[2]];
         let pairs = |t: &[u32; 3]| -> Vec<(u32, u32)> {
-            let r = prism(t).map(|i| rows[i as usize]);
-            (0..6)
-                .flat_map(|a| (0..=a).map(move |b| (a, b)))
-                .filter_map(|(a, b)| Some((r[a]?, r[b]?)))
+            pairs_of(&prism(t, n))
+                .into_iter()
+                .filter_map(|[a, b]| Some((rows[a as usize]?, rows[b as usize]?)))
                 .collect()
         };
         let pattern = Pattern::new(nodes.len(), "equilibrium", triangles.iter().flat_map(pairs))?;
-        let elements = triangles
-            .iter()
-            .map(|t| {
-                let r = prism(t).map(|i| rows[i as usize]);
-                let mut slots = [NO_SLOT; 21];
-                let mut k = 0;
-                for a in 0..6 {
-                    for b in 0..=a {
-                        if let (Some(p), Some(q)) = (r[a], r[b]) {
-                            slots[k] = pattern.slot(p, q);
-                        }
-                        k += 1;
-                    }
-                }
-                slots
-            })
-            .collect();
+        let entries = pattern.entries();
+        let slot = |[a, b]: [u32; 2]| match (rows[a as usize], rows[b as usize]) {
+            (Some(p), Some(q)) => pattern.slot(p, q),
+            _ => entries as u32,
+        };
         Ok(Self {
-            rows,
+            diagonal: (0..2 * n).map(|i| slot([i, i])).collect(),
+            edges: edges.iter().map(|e| ends(*e, n).map(slot)).collect(),
+            columns: (0..n).map(|i| slot([i, n + i])).collect(),
+            elements: triangles
+                .iter()
+                .map(|t| pairs_of(&prism(t, n)).map(slot))
+                .collect(),
+            entries,
             nodes,
             pattern,
-            elements,
         })
     }
+}
+
+fn prism(t: &[u32; 3], n: u32) -> [u32; 6] {
+    [t[0], t[1], t[2], n + t[0], n + t[1], n + t[2]]
+}
+
+/// The pairs of different nodes of a prism.
+fn pairs_of<T: Copy>(p: &[T; 6]) -> [[T; 2]; 15] {
+    let mut k = 0;
+    let mut out = [[p[0]; 2]; 15];
+    for a in 1..6 {
+        for b in 0..a {
+            out[k] = [p[a], p[b]];
+            k += 1;
+        }
+    }
+    out
 }
 
 /// The factored matrix with its work space.
 #[derive(Debug)]
 pub(crate) struct Preconditioner {
-    factor: Factor,
+    factor: Factor<f32>,
     matrix: Vec<f64>,
-    sides: Vec<f64>,
+    sides: Vec<Lanes>,
+    /// How many times the matrix was factored.
+    pub(crate) factors: usize,
 }
 
 impl Preconditioner {
     pub(crate) fn new(system: &SystemPattern) -> Self {
         Self {
-            factor: Factor::new(&system.pattern, 3),
-            matrix: vec![0.0; system.pattern.entries()],
-            sides: vec![0.0; 3 * system.nodes.len()],
+            factor: Factor::new(&system.pattern),
+            matrix: vec![0.0; system.entries + 1],
+            sides: vec![[0.0; LANES]; system.nodes.len()],
+            factors: 0,
         }
     }
 
@@ -100,64 +123,74 @@ impl Preconditioner {
         carries: &[bool],
         contact_stiffness: f64,
     ) -> Result<(), SimError> {
-        let system = &load.model.template.pattern;
-        self.matrix.fill(0.0);
+        let model = load.model;
+        let system = &model.template.pattern;
         let matrix = &mut self.matrix;
-        let mut add = |a: usize, b: usize, value: f64| {
-            if let (Some(p), Some(q)) = (system.rows[a], system.rows[b]) {
-                matrix[system.pattern.slot(p, q) as usize] += value;
-            }
-        };
-        for (&[a, b], &k) in load.model.springs.ends.iter().zip(&load.stiffness) {
-            let (a, b) = (a as usize, b as usize);
-            add(a, a, k);
-            add(b, b, k);
-            add(a, b, -k);
-        }
+        matrix.fill(0.0);
+        let mut diagonal = vec![0.0; system.diagonal.len()];
         let n = load.attachment.len();
-        for (i, &k) in load.attachment.iter().enumerate() {
-            add(n + i, n + i, k);
+        // Springs.
+        let edges = model.template.edges.iter().zip(&system.edges);
+        for ((edge, slots), stiffness) in edges.zip(&load.stiffness) {
+            for ((&[a, b], &slot), &k) in ends(*edge, n as u32).iter().zip(slots).zip(stiffness) {
+                diagonal[a as usize] += k;
+                diagonal[b as usize] += k;
+                matrix[slot as usize] -= k;
+            }
         }
+        let vertical = model.springs.vertical_stiffness;
+        for (i, (&slot, &hold)) in system.columns.iter().zip(&load.attachment).enumerate() {
+            diagonal[i] += vertical;
+            diagonal[n + i] += vertical + hold;
+            matrix[slot as usize] -= vertical;
+        }
+        // Contacts.
         for (c, _) in carries.iter().enumerate().filter(|(_, on)| **on) {
             let gradient = load.contacts.gap(c, x).gradient;
             let k = CONTACT_SHARE * contact_stiffness * dot(gradient, gradient);
             load.contacts.nodes(c, |node, share| {
-                add(node as usize, node as usize, k * share * share);
+                diagonal[node as usize] += k * share * share;
             });
         }
-        let elements = &load.model.elements;
+        // Prisms.
+        let elements = &model.elements;
         let ks = elements.shape_stiffness;
         for (e, slots) in system.elements.iter().enumerate() {
-            let volume = Volume::of(&elements.nodes[e].map(|i| x[i as usize])).gradient();
-            let kappa = VOLUME_SHARE * elements.kappa[e];
-            let mut k = 0;
-            for a in 0..6 {
-                for b in 0..=a {
-                    if slots[k] != NO_SLOT {
-                        let shape = ks * (f64::from(u8::from(a == b)) - 1.0 / 6.0);
-                        let value = shape + kappa * dot(volume[a], volume[b]);
-                        matrix[slots[k] as usize] += value;
-                    }
-                    k += 1;
-                }
+            let nodes = &elements.nodes[e];
+            let volume = Volume::of(&nodes.map(|i| x[i as usize]));
+            let group = &elements.groups[e / LANES];
+            let kappa = VOLUME_SHARE * group.stiffening(e % LANES, volume.value);
+            let slopes = volume.gradient();
+            for (&node, s) in nodes.iter().zip(&slopes) {
+                diagonal[node as usize] += ks * (5.0 / 6.0) + kappa * dot(*s, *s);
+            }
+            for (&slot, [a, b]) in slots.iter().zip(&pairs_of(&slopes)) {
+                matrix[slot as usize] += kappa * dot(*a, *b) - ks / 6.0;
             }
         }
-        self.factor
-            .refactor(&system.pattern, "equilibrium", &self.matrix)
+        for (&slot, value) in system.diagonal.iter().zip(diagonal) {
+            matrix[slot as usize] += value;
+        }
+        self.factors += 1;
+        self.factor.refactor(
+            &system.pattern,
+            "equilibrium",
+            &self.matrix[..system.entries],
+        )
     }
 
     /// `out = -P^-1 gradient` on moving nodes, zero elsewhere.
     pub(crate) fn descend(&mut self, system: &SystemPattern, gradient: &[V3], out: &mut [V3]) {
-        let n = system.nodes.len();
-        for (row, &node) in system.nodes.iter().enumerate() {
-            for k in 0..3 {
-                self.sides[k * n + row] = -gradient[node as usize][k];
-            }
+        let order = system.pattern.order();
+        for (&row, &node) in order.iter().zip(&system.nodes) {
+            let [x, y, z] = gradient[node as usize];
+            self.sides[row as usize] = [-x, -y, -z, 0.0];
         }
-        self.factor.solve(&system.pattern, &mut self.sides);
+        self.factor.solve_ordered(&system.pattern, &mut self.sides);
         out.fill(ZERO);
-        for (row, &node) in system.nodes.iter().enumerate() {
-            out[node as usize] = [0, 1, 2].map(|k| self.sides[k * n + row]);
+        for (&row, &node) in order.iter().zip(&system.nodes) {
+            let [x, y, z, _] = self.sides[row as usize];
+            out[node as usize] = [x, y, z];
         }
     }
 }

@@ -6,7 +6,7 @@
 use super::certificate::residual;
 use super::lbfgs::{Lbfgs, Step};
 use super::preconditioner::Preconditioner;
-use super::{Outcome, SolverParams};
+use super::{Outcome, Scratch, SolverParams};
 use crate::SimError;
 use crate::load::Load;
 use crate::model::FaceModel;
@@ -24,7 +24,7 @@ const MAX_ROUNDS: usize = 40;
 
 /// The equilibrium of a pose: nodes and how they were found.
 pub(crate) fn solve(
-    preconditioner: &mut Preconditioner,
+    scratch: &mut Scratch,
     model: &FaceModel,
     pose: &Pose,
     params: &SolverParams,
@@ -49,7 +49,8 @@ pub(crate) fn solve(
         let looseness = if last { 1.0 } else { PATH_LOOSENESS };
         let mut stage = Stage {
             load: &load,
-            preconditioner,
+            preconditioner: &mut scratch.preconditioner,
+            lbfgs: &mut scratch.lbfgs,
             multipliers: &mut multipliers,
             stiffness: params.contact_stiffness,
             tolerance: params.tolerance * looseness,
@@ -96,6 +97,7 @@ pub(crate) fn carry(x: &mut [V3], before: &[V3], load: &Load<'_>) {
 struct Stage<'s, 'a> {
     load: &'s Load<'a>,
     preconditioner: &'s mut Preconditioner,
+    lbfgs: &'s mut Lbfgs,
     multipliers: &'s mut [f64],
     stiffness: f64,
     tolerance: f64,
@@ -108,13 +110,12 @@ impl Stage<'_, '_> {
         let mut gradient = vec![[0.0; 3]; x.len()];
         let mut energy = self.evaluate(x, &mut gradient);
         let mut iterations = 0;
-        let mut lbfgs = Lbfgs::default();
         // Multipliers first: roughly, then exactly once they push with about the right force.
         let mut inner = self.tolerance.max(ROUGH);
         let mut converged = false;
         for _ in 0..MAX_ROUNDS {
             self.refactor(x)?;
-            lbfgs.reset();
+            self.lbfgs.reset();
             let mut stalled = false;
             let mut since = 0;
             while self.force(&gradient) > inner && iterations < self.budget {
@@ -122,7 +123,7 @@ impl Stage<'_, '_> {
                 let preconditioner = &mut *self.preconditioner;
                 let (load, multipliers, stiffness) =
                     (self.load, &*self.multipliers, self.stiffness);
-                let step = lbfgs.step(
+                let step = self.lbfgs.step(
                     x,
                     &mut gradient,
                     &mut energy,
@@ -138,7 +139,7 @@ impl Stage<'_, '_> {
                 if since == REFACTOR_AFTER {
                     // Contacts that carry have changed by now.
                     self.refactor(x)?;
-                    lbfgs.reset();
+                    self.lbfgs.reset();
                     since = 0;
                 }
             }
