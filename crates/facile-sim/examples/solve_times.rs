@@ -1,18 +1,24 @@
 //! Time, iterations and certificate of every built-in expression on the mean head and on sampled identities.
 //!
-//! `cargo run --release --example solve_times -- [--identities N] [--seed S] [--verlet] [--repeat R] [names]`
+//! `cargo run --release --example solve_times -- [--identities N] [--seed S] [--solver KIND] [--compare] [--repeat R]
+//! [--muscles FILE] [--expressions FILE] [names]`, names being expressions, `MUSCLE=C` or `jaw=DEGREES`
+//!
+//! `--compare` solves with the default as well and prints the largest distance between nodes.
 
 use std::error::Error;
 use std::time::Instant;
 
 use facile_core::identity::IdentityModel;
 use facile_core::{Attributes, ReferenceHead, Similarity3, Subject};
-use facile_sim::{ExpressionSet, FaceRig, MuscleSet, Pose, Solver, SolverParams};
+use facile_sim::{ExpressionSet, FaceRig, MuscleSet, Pose, Solver, SolverKind, SolverParams};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let mut identities = 0;
     let mut seed = 7;
     let mut repeat = 1;
+    let mut muscles = MuscleSet::embedded().clone();
+    let mut expressions = ExpressionSet::embedded().clone();
+    let mut compare = false;
     let mut params = SolverParams::default();
     let mut names = Vec::new();
     let mut args = std::env::args().skip(1);
@@ -27,14 +33,29 @@ fn main() -> Result<(), Box<dyn Error>> {
             "--identities" => identities = number()?,
             "--seed" => seed = number()?,
             "--repeat" => repeat = number()?,
-            "--verlet" => params = SolverParams::verlet(),
+            "--compare" => compare = true,
+            "--muscles" => {
+                let file = args.next().ok_or("a file is missing")?;
+                muscles = MuscleSet::parse(&std::fs::read_to_string(&file)?, &file)?;
+            }
+            "--expressions" => {
+                let file = args.next().ok_or("a file is missing")?;
+                expressions = ExpressionSet::parse(&std::fs::read_to_string(&file)?, &file)?;
+            }
+            "--solver" => {
+                let kind = args.next().ok_or("a solver is missing")?;
+                let all = SolverKind::ALL;
+                let kind = all.iter().find(|k| k.name() == kind).ok_or("an unknown solver")?;
+                params = SolverParams::of(*kind);
+            }
+            "--tolerance" => params.tolerance = args.next().ok_or("a number is missing")?.parse()?,
+            "--step" => params.continuation_step = args.next().ok_or("a number is missing")?.parse()?,
             name => names.push(name.to_owned()),
         }
     }
     let reference = ReferenceHead::embedded();
-    let muscles = MuscleSet::embedded();
     let start = Instant::now();
-    let rig = FaceRig::new(reference, muscles)?;
+    let rig = FaceRig::new(reference, &muscles)?;
     eprintln!(
         "rig: {:.1} ms, {} free nodes",
         ms(start),
@@ -44,12 +65,22 @@ fn main() -> Result<(), Box<dyn Error>> {
     for number in 0..identities {
         subjects.push(IdentityModel::embedded().sample(reference, seed, number)?);
     }
-    let poses: Vec<(String, Pose)> = ExpressionSet::embedded()
-        .expressions()
-        .iter()
-        .filter(|e| names.is_empty() || names.contains(&e.name))
-        .map(|e| Ok((e.name.clone(), e.pose(muscles)?)))
-        .collect::<Result<_, facile_sim::SimError>>()?;
+    let mut poses: Vec<(String, Pose)> = Vec::new();
+    for e in expressions.expressions() {
+        if names.is_empty() || names.contains(&e.name) {
+            poses.push((e.name.clone(), e.pose(&muscles)?));
+        }
+    }
+    for name in &names {
+        if let Some((key, c)) = name.split_once('=') {
+            let mut pose = Pose::default();
+            match key {
+                "jaw" => pose.jaw.open_rad = c.parse::<f64>()?.to_radians(),
+                _ => pose.set(&muscles, key, c.parse()?)?,
+            }
+            poses.push((name.clone(), pose));
+        }
+    }
     let mut solver = Solver::new();
     let mut failed = 0;
     for subject in &subjects {
@@ -68,7 +99,23 @@ fn main() -> Result<(), Box<dyn Error>> {
             let time = times[times.len() / 2];
             match result {
                 Some(Ok(face)) => {
-                    eprintln!("  {name:12} {time:8.1} ms  {}", show(&face.certificate))
+                    let mut away = String::new();
+                    if compare {
+                        let other = solver.solve(&model, pose, &SolverParams::default())?;
+                        let pairs = face.nodes.iter().zip(&other.nodes);
+                        let far = pairs.map(|(p, q)| (p - q).norm()).fold(0.0, f64::max);
+                        away = format!(", {far:.5} mm from the default");
+                    }
+                    let mark = |p: &[facile_core::Point3], k: usize| {
+                        let scheme = reference.scheme("ibug68").expect("built in");
+                        scheme.points[k].position(p, &reference.mesh.triangles)
+                    };
+                    let moved = |k| mark(&face.positions, k) - mark(&subject.positions, k);
+                    let (corner, brow) = (moved(54), moved(22));
+                    eprintln!(
+                        "  {name:12} {time:8.1} ms  {}{away}; corner {:.1} {:.1} {:.1}, inner brow {:.1} {:.1}",
+                        show(&face.certificate), corner.x, corner.y, corner.z, brow.x, brow.y
+                    );
                 }
                 Some(Err(e)) => {
                     failed += 1;
@@ -84,8 +131,8 @@ fn main() -> Result<(), Box<dyn Error>> {
 
 fn show(c: &facile_sim::Certificate) -> String {
     format!(
-        "{:5} iterations, residual {:.1e}, penetration {:.4} mm, {} inverted",
-        c.iterations, c.residual, c.max_penetration_mm, c.inverted_elements
+        "{:5} iterations, residual {:.1e}, energy {:.6e}, penetration {:.4} mm, {} inverted",
+        c.iterations, c.residual, c.energy, c.max_penetration_mm, c.inverted_elements
     )
 }
 

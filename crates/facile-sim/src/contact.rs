@@ -2,12 +2,17 @@
 //!
 //! Section 4.3.2 puts nodes back that fall below the skull and drops the inward part of forces near it. That never
 //! settles; its equilibrium is the one of frictionless constraints `gap >= 0`, which is what both solvers here look for:
-//! the quasi-static one by an augmented Lagrangian, Verlet by projection. Gaps are measured in mm from each node's own
+//! the quasi-static one slides resting nodes along the surface, Verlet and FIRE put nodes back. Gaps are measured in mm from each node's own
 //! place at rest, so that a face at rest is free of contact force.
 
 use crate::kinematics::Rigid;
 use crate::skull::HeightField;
-use crate::vector::{V3, add_scaled, dot, norm, rotate, rotate_back, scale, sub};
+use crate::vector::{V3, add_scaled, dot, norm, rotate, rotate_back, scale, sub, unit};
+
+/// Nodes nearer than this to skull or eyeball touch it, mm.
+const TOUCH_MM: f64 = 1e-6;
+/// Nodes are put back onto a surface to this accuracy, mm.
+const EXACT_MM: f64 = 1e-10;
 
 /// A node against the skull field.
 #[derive(Clone, Copy, Debug)]
@@ -130,47 +135,59 @@ impl PosedContacts<'_> {
         }
     }
 
-    /// Adds the augmented Lagrangian's gradient to `gradient` and returns its value:
-    /// `sum (max(0, lambda - k gap)^2 - lambda^2) / 2k`.
-    pub(crate) fn energy(
-        &self,
-        x: &[V3],
-        stiffness: f64,
-        multipliers: &[f64],
-        gradient: &mut [V3],
-    ) -> f64 {
-        let mut energy = 0.0;
-        for (c, &lambda) in multipliers.iter().enumerate() {
-            let gap = self.gap(c, x);
-            let push = lambda - stiffness * gap.value;
-            energy -= lambda * lambda;
-            if push > 0.0 {
-                energy += push * push;
-                self.nodes(c, |node, share| {
-                    let i = node as usize;
-                    gradient[i] = add_scaled(gradient[i], gap.gradient, -push * share);
-                });
-            }
-        }
-        energy / (2.0 * stiffness)
-    }
-
-    /// Moves the multipliers to the contact forces at `x` and returns the largest penetration, mm.
-    pub(crate) fn update(&self, x: &[V3], stiffness: f64, multipliers: &mut [f64]) -> f64 {
-        let mut deepest = 0.0f64;
-        for (c, lambda) in multipliers.iter_mut().enumerate() {
-            let gap = self.gap(c, x).value;
-            deepest = deepest.max(-gap);
-            *lambda = (*lambda - stiffness * gap).max(0.0);
-        }
-        deepest
-    }
-
     /// Largest penetration, mm.
     pub(crate) fn penetration(&self, x: &[V3]) -> f64 {
         (0..self.len())
             .map(|c| -self.gap(c, x).value)
             .fold(0.0, f64::max)
+    }
+
+    /// Number of contacts of a single node with skull or eyeball: the first ones.
+    pub(crate) fn single(&self) -> usize {
+        self.contacts.skull.len() + self.contacts.eyes.len()
+    }
+
+    /// The node of a contact with skull or eyeball.
+    #[inline]
+    pub(crate) fn node(&self, c: usize) -> usize {
+        let skull = self.contacts.skull.len();
+        if c < skull {
+            self.contacts.skull[c].node as usize
+        } else {
+            self.contacts.eyes[c - skull].node as usize
+        }
+    }
+
+    /// Finds the nodes that rest on skull or eyeball: those that touch and that the `gradient` pushes in. Writes their
+    /// normals, zero for the others, and returns how many there are.
+    pub(crate) fn resting(&self, x: &[V3], gradient: &[V3], normals: &mut [V3]) -> usize {
+        normals.fill([0.0; 3]);
+        let mut count = 0;
+        for c in 0..self.single() {
+            let node = self.node(c);
+            let gap = self.gap(c, x);
+            if gap.value <= TOUCH_MM && dot(gradient[node], gap.gradient) > 0.0 {
+                normals[node] = unit(gap.gradient);
+                count += 1;
+            }
+        }
+        count
+    }
+
+    /// Puts nodes onto skull and eyeballs: those that rest there already, and those that are below.
+    pub(crate) fn settle(&self, x: &mut [V3], normals: &[V3]) {
+        for c in 0..self.single() {
+            let node = self.node(c);
+            let rests = normals[node] != [0.0; 3];
+            for _ in 0..4 {
+                let gap = self.gap(c, x);
+                if gap.value.abs() < EXACT_MM || (gap.value > 0.0 && !rests) {
+                    break;
+                }
+                let back = -gap.value / dot(gap.gradient, gap.gradient);
+                x[node] = add_scaled(x[node], gap.gradient, back);
+            }
+        }
     }
 
     /// Puts nodes back onto the surfaces they fell through and takes away their inward velocity. `free`: which nodes move.

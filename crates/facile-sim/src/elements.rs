@@ -18,6 +18,8 @@ const MIN_AREA_SHARE: f64 = 0.05;
 const SQUEEZED_SHARE: f64 = 0.4;
 /// How much: the energy `kappa / 2 (V - V_0)^2` grows by `SQUEEZE kappa / (3 V_0) (share V_0 - V)^3`.
 const SQUEEZE: f64 = 60.0;
+/// How many times stiffer than at rest a prism of no volume is.
+pub(crate) const MOST_STIFFENING: f64 = 1.0 + 2.0 * SQUEEZE * SQUEEZED_SHARE;
 
 /// Prisms at rest.
 #[derive(Clone, Debug, Default)]

@@ -9,6 +9,7 @@ use facile_core::subdivision::Stencils;
 use facile_core::{Point3, ReferenceHead};
 
 use crate::SimError;
+use crate::simd::Lanes;
 use crate::sparse::{Factor, Pattern};
 use crate::vector::{V3, ZERO, add_scaled, from_point, norm, sub, to_vector};
 
@@ -23,7 +24,7 @@ pub(crate) struct Follow {
     /// For each of them, neighbours that are not passive and their weights.
     rim: Vec<Vec<(u32, f64)>>,
     pattern: Pattern,
-    factor: Factor<f64>,
+    factor: Factor<Lanes>,
     stencils: Stencils,
 }
 
@@ -75,7 +76,7 @@ impl Follow {
             }
         }
         let mut factor = Factor::new(&pattern);
-        factor.refactor(&pattern, "inner mouth", &matrix)?;
+        factor.refactor_one(&pattern, "inner mouth", &matrix)?;
         Ok(Self {
             passive,
             rim,

@@ -8,6 +8,7 @@
 
 use crate::SimError;
 use crate::layers::{Layers, area_vector};
+use crate::simd::Lanes;
 use crate::sparse::{Factor, Pattern};
 use crate::vector::{V3, add, norm, scale};
 
@@ -148,8 +149,8 @@ impl SkullGrid {
             total += s.weight;
         }
         self.smooth(&mut matrix, total);
-        let mut factor = Factor::<f64>::new(&self.pattern);
-        factor.refactor(&self.pattern, "skull field", &matrix)?;
+        let mut factor = Factor::<Lanes>::new(&self.pattern);
+        factor.refactor_one(&self.pattern, "skull field", &matrix)?;
         factor.solve(&self.pattern, &mut right);
         field.coefficients = right.iter().map(|r| r[0]).collect();
         Ok(field)
@@ -268,7 +269,8 @@ fn samples(triangles: &[[u32; 3]], layers: &Layers) -> Vec<Sample> {
 fn cell(t: f64, count: usize) -> (usize, f64, bool) {
     let last = (count - 3) as f64;
     let inside = t.clamp(0.0, last);
-    let first = (inside.floor() as usize).min(count - 4);
+    // Truncation is the floor of what is not negative.
+    let first = (inside as usize).min(count - 4);
     let outside = t < 0.0 || t > last;
     (first, inside - first as f64, outside)
 }

@@ -2,7 +2,8 @@
 //!
 //! The elimination order and the supernodes are faer's. The numbers are computed here, by a left-looking supernodal
 //! Cholesky factorisation, because faer's kernels use fused operations where the processor has them and so give other
-//! bits on other machines. Source: Chen et al., Algorithm 887: CHOLMOD, 2008.
+//! bits on other machines. Every lane is a system of its own: four matrices of one pattern are factored and solved in the
+//! time of one. Source: Chen et al., Algorithm 887: CHOLMOD, 2008.
 
 use faer::Side;
 use faer::sparse::SymbolicSparseColMatRef;
@@ -12,7 +13,7 @@ use faer::sparse::linalg::cholesky::{
 };
 
 use crate::SimError;
-use crate::simd::{Kernel, Lanes, dispatch};
+use crate::simd::{Kernel, LANES, Lanes, dispatch, lanes};
 
 /// The lower triangle of a symmetric matrix, by columns, and the structure of its factor.
 #[derive(Debug)]
@@ -217,44 +218,44 @@ impl Pattern {
     }
 }
 
-/// A number of a factor as it is kept for solving.
+/// Numbers of a factor as they are kept for solving.
 pub(crate) trait Stored: Copy + Default {
     /// Rounds.
-    fn store(value: f64) -> Self;
+    fn store(value: Lanes) -> Self;
     /// Widens.
-    fn load(self) -> f64;
+    fn load(self) -> Lanes;
 }
 
-impl Stored for f64 {
+impl Stored for Lanes {
     #[inline(always)]
-    fn store(value: f64) -> Self {
+    fn store(value: Lanes) -> Self {
         value
     }
     #[inline(always)]
-    fn load(self) -> f64 {
+    fn load(self) -> Lanes {
         self
     }
 }
 
-impl Stored for f32 {
+impl Stored for [f32; LANES] {
     #[inline(always)]
-    fn store(value: f64) -> Self {
-        value as f32
+    fn store(v: Lanes) -> Self {
+        [v[0] as f32, v[1] as f32, v[2] as f32, v[3] as f32]
     }
     #[inline(always)]
-    fn load(self) -> f64 {
-        f64::from(self)
+    fn load(self) -> Lanes {
+        lanes(|l| f64::from(self[l]))
     }
 }
 
-/// A numeric factor with its work space. `f32` halves the memory that a solve reads, where an approximate inverse will
-/// do; the factor itself is always computed in `f64`.
+/// Numeric factors of four matrices. `[f32; 4]` halves the memory that a solve reads, where an approximate inverse will
+/// do; the factors themselves are always computed in `f64`.
 #[derive(Debug)]
 pub(crate) struct Factor<T> {
-    values: Vec<f64>,
+    values: Vec<Lanes>,
     /// The same by rows, inverse diagonal, in the order in which a solve reads them.
     packed: Vec<T>,
-    column: Vec<f64>,
+    column: Vec<Lanes>,
     local: Vec<u32>,
 }
 
@@ -262,23 +263,23 @@ impl<T: Stored> Factor<T> {
     /// Work space for a pattern.
     pub(crate) fn new(pattern: &Pattern) -> Self {
         Self {
-            values: vec![0.0; pattern.values],
+            values: vec![[0.0; LANES]; pattern.values],
             packed: vec![T::default(); pattern.values],
-            column: vec![0.0; pattern.tallest],
+            column: vec![[0.0; LANES]; pattern.tallest],
             local: vec![0; pattern.size()],
         }
     }
 
-    /// Factors the matrix with these entries, one per slot of the pattern.
+    /// Factors the matrices with these entries, one per slot of the pattern.
     pub(crate) fn refactor(
         &mut self,
         pattern: &Pattern,
         what: &'static str,
-        entries: &[f64],
+        entries: &[Lanes],
     ) -> Result<(), SimError> {
-        self.values.fill(0.0);
-        for (&place, &value) in pattern.places.iter().zip(entries) {
-            self.values[place as usize] += value;
+        self.values.fill([0.0; LANES]);
+        for (&place, value) in pattern.places.iter().zip(entries) {
+            self.values[place as usize] = *value;
         }
         dispatch(Numeric {
             pattern,
@@ -287,10 +288,21 @@ impl<T: Stored> Factor<T> {
         .map_err(|row| SimError::Singular { what, row })
     }
 
-    /// Replaces three right-hand sides by the solutions: `sides[i]` holds row `i` of each.
+    /// Factors one matrix, the same in every lane.
+    pub(crate) fn refactor_one(
+        &mut self,
+        pattern: &Pattern,
+        what: &'static str,
+        entries: &[f64],
+    ) -> Result<(), SimError> {
+        let entries: Vec<Lanes> = entries.iter().map(|&e| [e; LANES]).collect();
+        self.refactor(pattern, what, &entries)
+    }
+
+    /// Replaces right-hand sides by the solutions: `sides[i]` holds row `i` of the systems of the first three lanes.
     pub(crate) fn solve(&self, pattern: &Pattern, sides: &mut [[f64; 3]]) {
         assert_eq!(sides.len(), pattern.size(), "right-hand sides");
-        let mut ordered = vec![[0.0; 4]; pattern.size()];
+        let mut ordered = vec![[0.0; LANES]; pattern.size()];
         for (&row, s) in pattern.order.iter().zip(&*sides) {
             ordered[row as usize] = [s[0], s[1], s[2], 0.0];
         }
@@ -301,7 +313,7 @@ impl<T: Stored> Factor<T> {
         }
     }
 
-    /// The same for right-hand sides in the factor's order, see [`Pattern::order`], four at a time.
+    /// The same for right-hand sides in the factor's order, see [`Pattern::order`], one per lane.
     pub(crate) fn solve_ordered(&self, pattern: &Pattern, sides: &mut [Lanes]) {
         dispatch(Solve {
             pattern,
@@ -310,17 +322,18 @@ impl<T: Stored> Factor<T> {
         });
     }
 
-    /// Smallest pivot of the factor's diagonal, squared: a lower end of the pivots of the matrix.
-    #[cfg(test)]
+    /// Smallest pivot of the first three lanes.
     pub(crate) fn smallest_pivot(&self, pattern: &Pattern) -> f64 {
         let diagonal = pattern.supernodes.iter().flat_map(|s| {
             (0..s.width as usize).map(|j| self.values[s.values as usize + j * (s.height() + 1)])
         });
-        diagonal.map(|d| d * d).fold(f64::INFINITY, f64::min)
+        diagonal
+            .flat_map(|d| [d[0] * d[0], d[1] * d[1], d[2] * d[2]])
+            .fold(f64::INFINITY, f64::min)
     }
 }
 
-/// The factorisation.
+/// The factorisation; on failure the row of the bad pivot.
 struct Numeric<'a, T> {
     pattern: &'a Pattern,
     factor: &'a mut Factor<T>,
@@ -367,50 +380,62 @@ impl<T: Stored> Kernel for Numeric<'_, T> {
     }
 }
 
+/// `a + b c` on each lane.
+#[inline(always)]
+fn plus(a: Lanes, b: Lanes, c: Lanes) -> Lanes {
+    lanes(|l| a[l] + b[l] * c[l])
+}
+
+/// `a - b c` on each lane.
+#[inline(always)]
+fn minus(a: Lanes, b: Lanes, c: Lanes) -> Lanes {
+    lanes(|l| a[l] - b[l] * c[l])
+}
+
 /// Subtracts what an earlier supernode contributes to a block.
 #[inline(always)]
 fn subtract(
-    (own, height): (&mut [f64], usize),
+    (own, height): (&mut [Lanes], usize),
     start: u32,
-    (values, source): (&[f64], &Supernode),
+    (values, source): (&[Lanes], &Supernode),
     rows: &[u32],
     update: Update,
-    (local, column): (&[u32], &mut [f64]),
+    (local, column): (&[u32], &mut [Lanes]),
 ) {
     let (tall, wide) = (source.height(), source.width as usize);
     for c in update.from as usize..update.to as usize {
         let first = wide + c;
         let sum = &mut column[..tall - first];
-        sum.fill(0.0);
-        // Four columns of the source at a time.
+        sum.fill([0.0; LANES]);
+        // Two columns of the source at a time.
         let mut k = 0;
-        while k + 4 <= wide {
-            let part = |k: usize| &values[k * tall + first..(k + 1) * tall];
-            let (p, q, r, s) = (part(k), part(k + 1), part(k + 2), part(k + 3));
-            let (a, b, c, d) = (p[0], q[0], r[0], s[0]);
-            for (i, sum) in sum.iter_mut().enumerate() {
-                *sum += (a * p[i] + b * q[i]) + (c * r[i] + d * s[i]);
+        while k + 2 <= wide {
+            let p = &values[k * tall + first..(k + 1) * tall];
+            let q = &values[(k + 1) * tall + first..(k + 2) * tall];
+            let (a, b) = (p[0], q[0]);
+            for ((sum, p), q) in sum.iter_mut().zip(p).zip(q) {
+                *sum = plus(plus(*sum, a, *p), b, *q);
             }
-            k += 4;
+            k += 2;
         }
-        while k < wide {
+        if k < wide {
             let p = &values[k * tall + first..(k + 1) * tall];
             let a = p[0];
             for (sum, p) in sum.iter_mut().zip(p) {
-                *sum += a * p;
+                *sum = plus(*sum, a, *p);
             }
-            k += 1;
         }
         let target = &mut own[(rows[c] - start) as usize * height..][..height];
         for (&row, sum) in rows[c..].iter().zip(&*sum) {
-            target[local[row as usize] as usize] -= sum;
+            let t = &mut target[local[row as usize] as usize];
+            *t = lanes(|l| t[l] - sum[l]);
         }
     }
 }
 
 /// Factors a dense block by columns; on failure the place of the bad pivot.
 #[inline(always)]
-fn dense(own: &mut [f64], height: usize, width: usize) -> Result<(), usize> {
+fn dense(own: &mut [Lanes], height: usize, width: usize) -> Result<(), usize> {
     for j in 0..width {
         let (done, rest) = own.split_at_mut(j * height);
         let column = &mut rest[j..height];
@@ -418,29 +443,35 @@ fn dense(own: &mut [f64], height: usize, width: usize) -> Result<(), usize> {
             let left = &done[k * height + j..(k + 1) * height];
             let a = left[0];
             for (c, l) in column.iter_mut().zip(left) {
-                *c -= a * l;
+                *c = minus(*c, a, *l);
             }
         }
         let pivot = column[0];
-        if !(pivot > 0.0 && pivot.is_finite()) {
-            return Err(j);
+        for p in pivot {
+            if !(p > 0.0 && p.is_finite()) {
+                return Err(j);
+            }
         }
-        let root = pivot.sqrt();
-        let inverse = 1.0 / root;
+        let root = lanes(|l| pivot[l].sqrt());
+        let inverse = lanes(|l| 1.0 / root[l]);
         column[0] = root;
         for c in &mut column[1..] {
-            *c *= inverse;
+            *c = lanes(|l| c[l] * inverse[l]);
         }
     }
     Ok(())
 }
 
 #[inline(always)]
-fn pack<T: Stored>(own: &[f64], height: usize, width: usize, packed: &mut [T]) {
+fn pack<T: Stored>(own: &[Lanes], height: usize, width: usize, packed: &mut [T]) {
     for i in 0..height {
         for j in 0..width.min(i + 1) {
             let value = own[j * height + i];
-            packed[i * width + j] = T::store(if i == j { 1.0 / value } else { value });
+            packed[i * width + j] = T::store(if i == j {
+                lanes(|l| 1.0 / value[l])
+            } else {
+                value
+            });
         }
     }
 }
@@ -467,13 +498,14 @@ impl<T: Stored> Kernel for Solve<'_, T> {
             for i in 0..width {
                 let line = &diagonal[i * width..=i * width + i];
                 let (done, rest) = own.split_at_mut(i);
-                let sum = minus(rest[0], line, done);
-                rest[0] = scaled(sum, line[i].load());
+                let (sum, scale) = (contract(line, done), line[i].load());
+                rest[0] = lanes(|l| (rest[0][l] - sum[l]) * scale[l]);
             }
             let shift = block.start + block.width;
             for (&row, line) in rows.iter().zip(lower.chunks_exact(width)) {
                 let target = &mut later[(row - shift) as usize];
-                *target = minus(*target, line, own);
+                let sum = contract(line, own);
+                *target = lanes(|l| target[l] - sum[l]);
             }
         }
         for block in pattern.supernodes.iter().rev() {
@@ -489,39 +521,37 @@ impl<T: Stored> Kernel for Solve<'_, T> {
             for i in (0..width).rev() {
                 let line = &diagonal[i * width..=i * width + i];
                 let (before, rest) = own.split_at_mut(i);
-                rest[0] = scaled(rest[0], line[i].load());
+                let scale = line[i].load();
+                rest[0] = lanes(|l| rest[0][l] * scale[l]);
                 spread(before, line, rest[0]);
             }
         }
     }
 }
 
-/// `a - sum_k line_k done_k`.
+/// `sum_k line_k done_k`, in two chains that do not wait for each other.
 #[inline(always)]
-fn minus<T: Stored>(mut a: Lanes, line: &[T], done: &[Lanes]) -> Lanes {
-    for (l, d) in line.iter().zip(done) {
-        let l = l.load();
-        for (a, d) in a.iter_mut().zip(d) {
-            *a -= l * d;
-        }
+fn contract<T: Stored>(line: &[T], done: &[Lanes]) -> Lanes {
+    let n = line.len().min(done.len());
+    let (mut even, mut odd) = ([0.0; LANES], [0.0; LANES]);
+    let mut k = 0;
+    while k + 2 <= n {
+        even = plus(even, line[k].load(), done[k]);
+        odd = plus(odd, line[k + 1].load(), done[k + 1]);
+        k += 2;
     }
-    a
+    if k < n {
+        even = plus(even, line[k].load(), done[k]);
+    }
+    lanes(|l| even[l] + odd[l])
 }
 
 /// `own_k -= line_k a`.
 #[inline(always)]
 fn spread<T: Stored>(own: &mut [Lanes], line: &[T], a: Lanes) {
     for (o, l) in own.iter_mut().zip(line) {
-        let l = l.load();
-        for (o, a) in o.iter_mut().zip(a) {
-            *o -= l * a;
-        }
+        *o = minus(*o, l.load(), a);
     }
-}
-
-#[inline(always)]
-fn scaled(a: Lanes, s: f64) -> Lanes {
-    [a[0] * s, a[1] * s, a[2] * s, a[3] * s]
 }
 
 #[cfg(test)]
@@ -539,9 +569,9 @@ mod tests {
                 entries[pattern.slot(i, i - 1) as usize] = -1.0;
             }
         }
-        let mut factor = Factor::<f64>::new(&pattern);
+        let mut factor = Factor::<Lanes>::new(&pattern);
         factor
-            .refactor(&pattern, "chain", &entries)
+            .refactor_one(&pattern, "chain", &entries)
             .expect("positive");
         let mut x = [[0.0; 3]; 5];
         x[4] = [0.0, 1.0, -2.0];
@@ -552,7 +582,7 @@ mod tests {
         }
         assert!(factor.smallest_pivot(&pattern) > 0.1);
         entries.fill(0.0);
-        assert!(factor.refactor(&pattern, "chain", &entries).is_err());
+        assert!(factor.refactor_one(&pattern, "chain", &entries).is_err());
     }
 
     #[test]
@@ -595,9 +625,9 @@ mod tests {
         for i in 0..n as u32 {
             add(i, i, 0.05);
         }
-        let mut factor = Factor::<f64>::new(&pattern);
+        let mut factor = Factor::<Lanes>::new(&pattern);
         factor
-            .refactor(&pattern, "sheet", &entries)
+            .refactor_one(&pattern, "sheet", &entries)
             .expect("positive");
         factor.solve(&pattern, &mut product);
         let worst = product

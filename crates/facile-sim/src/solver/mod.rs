@@ -1,10 +1,11 @@
-//! Two ways to the same equilibrium: quasi-static (the default) and velocity Verlet (the paper's).
+//! Three ways to the same equilibrium: quasi-static (the default), velocity Verlet (the paper's), and FIRE.
 //!
 //! [`Solver`] owns scratch memory only; the result is a function of model, pose and parameters. Both solvers walk the
 //! same path from neutral to the pose, in steps of intensity, because strong poses have more than one equilibrium: the
 //! path makes the answer unique. What no solver can certify is an error, never a silent last iterate.
 
 mod certificate;
+mod fire;
 mod lbfgs;
 mod preconditioner;
 mod quasi_static;
@@ -29,19 +30,25 @@ use preconditioner::Preconditioner;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SolverKind {
-    /// L-BFGS with a factored preconditioner, contact by an augmented Lagrangian.
+    /// L-BFGS with a factored preconditioner, over the surfaces that nodes rest on.
     #[default]
     QuasiStatic,
     /// The paper's damped motion, followed until it rests, contact by projection.
     Verlet,
+    /// Scaled FIRE: motion that is stopped whenever it goes uphill, contact by projection.
+    Fire,
 }
 
 impl SolverKind {
+    /// All solvers, the default first.
+    pub const ALL: [Self; 3] = [Self::QuasiStatic, Self::Verlet, Self::Fire];
+
     /// The name in recipes and certificates.
     pub fn name(self) -> &'static str {
         match self {
             Self::QuasiStatic => "quasi_static",
             Self::Verlet => "verlet",
+            Self::Fire => "fire",
         }
     }
 }
@@ -58,10 +65,8 @@ pub struct SolverParams {
     pub max_penetration_mm: f64,
     /// Longest step of intensity on the path from neutral, in `(0, 1]`.
     pub continuation_step: f64,
-    /// Iterations (quasi-static: of L-BFGS; Verlet: time steps) before giving up.
+    /// Iterations (quasi-static: of L-BFGS; Verlet and FIRE: time steps) before giving up.
     pub max_iterations: usize,
-    /// Stiffness of contact, before the multipliers take over.
-    pub contact_stiffness: f64,
 }
 
 impl Default for SolverParams {
@@ -70,9 +75,8 @@ impl Default for SolverParams {
             kind: SolverKind::QuasiStatic,
             tolerance: 2e-4,
             max_penetration_mm: 0.02,
-            continuation_step: 0.34,
+            continuation_step: 0.5,
             max_iterations: 4_000,
-            contact_stiffness: 2_000.0,
         }
     }
 }
@@ -84,6 +88,19 @@ impl SolverParams {
             kind: SolverKind::Verlet,
             max_iterations: 60_000,
             ..Self::default()
+        }
+    }
+
+    /// Defaults of a solver.
+    pub fn of(kind: SolverKind) -> Self {
+        match kind {
+            SolverKind::QuasiStatic => Self::default(),
+            SolverKind::Verlet => Self::verlet(),
+            SolverKind::Fire => Self {
+                kind,
+                max_iterations: 40_000,
+                ..Self::default()
+            },
         }
     }
 }
@@ -172,6 +189,7 @@ fn solve(
         match params.kind {
             SolverKind::QuasiStatic => quasi_static::solve(scratch, model, pose, params)?,
             SolverKind::Verlet => verlet::solve(model, pose, params)?,
+            SolverKind::Fire => fire::solve(model, pose, params)?,
         }
     };
     let certificate = Certificate::new(&load, &x, params.kind, &outcome);

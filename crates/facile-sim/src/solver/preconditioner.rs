@@ -1,22 +1,22 @@
-//! The scalar Projective-Dynamics matrix: one factor for all three coordinates.
+//! The preconditioner: the Hessian's diagonal blocks in cylindrical coordinates, three sparse factors at once.
 //!
-//! Springs count with their stiffness in every direction, prisms with the exact shape term and a scalar share of the
-//! volume term, contacts that carry with their share. Leaving contact out costs 2 to 8 times more iterations.
-//! Source: Bouaziz et al., Projective Dynamics, 2014; as a preconditioner of L-BFGS: Liu et al., Quasi-Newton methods
-//! for real-time simulation of hyperelastic materials, 2017.
+//! A layer of springs is stiff along itself and soft across, and contact is stiff across alone. A scalar matrix, one for
+//! all coordinates as in Projective Dynamics, knows only one stiffness and needs three times the iterations. Here each
+//! node has a frame (around, up, outwards; outwards along the normal of the skull where it has contact), that turns so
+//! little from node to node that translations stay free; in it the blocks between different coordinates are left out. The transverse stiffness of
+//! compressed springs is clamped to zero, so that the matrices are positive definite.
+//! Source of the method: Liu et al., Quasi-Newton methods for real-time simulation of hyperelastic materials, 2017.
 
 use crate::SimError;
 use crate::elements::Volume;
 use crate::load::Load;
-use crate::simd::{LANES, Lanes};
+use crate::simd::{LANES, Lanes, lanes};
 use crate::sparse::{Factor, Pattern};
 use crate::springs::ends;
-use crate::vector::{V3, ZERO, dot};
+use crate::vector::{M3, V3, ZERO, cross, dot, norm, rotate, rotate_back, sub, unit};
 
-/// Share of a volume gradient's square that acts along each coordinate.
-const VOLUME_SHARE: f64 = 0.5;
-/// Share of a contact's stiffness that acts along each coordinate.
-const CONTACT_SHARE: f64 = 0.5;
+/// Stiffness that keeps a node on the surface it rests on.
+const HELD: f64 = 1e6;
 
 /// Rows of the nodes that the solver moves, and where prisms add to the matrix.
 #[derive(Debug)]
@@ -98,9 +98,13 @@ fn pairs_of<T: Copy>(p: &[T; 6]) -> [[T; 2]; 15] {
 /// The factored matrix with its work space.
 #[derive(Debug)]
 pub(crate) struct Preconditioner {
-    factor: Factor<f32>,
-    matrix: Vec<f64>,
+    factor: Factor<[f32; LANES]>,
+    matrix: Vec<Lanes>,
+    diagonal: Vec<Lanes>,
     sides: Vec<Lanes>,
+    frames: Vec<M3>,
+    /// For nodes that rested when the matrix was factored, one over the stiffness they would have had, else 0.
+    held: Vec<f64>,
     /// How many times the matrix was factored.
     pub(crate) factors: usize,
 }
@@ -109,67 +113,52 @@ impl Preconditioner {
     pub(crate) fn new(system: &SystemPattern) -> Self {
         Self {
             factor: Factor::new(&system.pattern),
-            matrix: vec![0.0; system.entries + 1],
+            matrix: vec![[0.0; LANES]; system.entries + 1],
+            diagonal: vec![[0.0; LANES]; system.diagonal.len()],
             sides: vec![[0.0; LANES]; system.nodes.len()],
+            frames: Vec::new(),
+            held: vec![0.0; system.diagonal.len()],
             factors: 0,
         }
     }
 
-    /// Assembles and factors the matrix at `x`. `carries`: whether each contact presses.
+    /// Assembles and factors the matrix at `x`. `normals`: of nodes that rest on a surface and stay on it, else zero.
     pub(crate) fn factor(
         &mut self,
         load: &Load<'_>,
         x: &[V3],
-        carries: &[bool],
-        contact_stiffness: f64,
+        normals: &[V3],
     ) -> Result<(), SimError> {
         let model = load.model;
         let system = &model.template.pattern;
-        let matrix = &mut self.matrix;
-        matrix.fill(0.0);
-        let mut diagonal = vec![0.0; system.diagonal.len()];
+        self.frames.clear();
+        self.frames.extend(model.rest.iter().map(frame));
         let n = load.attachment.len();
-        // Springs.
-        let edges = model.template.edges.iter().zip(&system.edges);
-        for ((edge, slots), stiffness) in edges.zip(&load.stiffness) {
-            for ((&[a, b], &slot), &k) in ends(*edge, n as u32).iter().zip(slots).zip(stiffness) {
-                diagonal[a as usize] += k;
-                diagonal[b as usize] += k;
-                matrix[slot as usize] -= k;
+        for c in 0..load.contacts.single() {
+            let node = load.contacts.node(c);
+            let normal = load.contacts.gap(c, x).gradient;
+            self.frames[node] = around(unit(normal));
+            // The skin above turns along: the layers hang together.
+            if node >= n {
+                self.frames[node - n] = self.frames[node];
             }
         }
-        let vertical = model.springs.vertical_stiffness;
-        for (i, (&slot, &hold)) in system.columns.iter().zip(&load.attachment).enumerate() {
-            diagonal[i] += vertical;
-            diagonal[n + i] += vertical + hold;
-            matrix[slot as usize] -= vertical;
-        }
-        // Contacts.
-        for (c, _) in carries.iter().enumerate().filter(|(_, on)| **on) {
-            let gradient = load.contacts.gap(c, x).gradient;
-            let k = CONTACT_SHARE * contact_stiffness * dot(gradient, gradient);
-            load.contacts.nodes(c, |node, share| {
-                diagonal[node as usize] += k * share * share;
-            });
-        }
-        // Prisms.
-        let elements = &model.elements;
-        let ks = elements.shape_stiffness;
-        for (e, slots) in system.elements.iter().enumerate() {
-            let nodes = &elements.nodes[e];
-            let volume = Volume::of(&nodes.map(|i| x[i as usize]));
-            let group = &elements.groups[e / LANES];
-            let kappa = VOLUME_SHARE * group.stiffening(e % LANES, volume.value);
-            let slopes = volume.gradient();
-            for (&node, s) in nodes.iter().zip(&slopes) {
-                diagonal[node as usize] += ks * (5.0 / 6.0) + kappa * dot(*s, *s);
-            }
-            for (&slot, [a, b]) in slots.iter().zip(&pairs_of(&slopes)) {
-                matrix[slot as usize] += kappa * dot(*a, *b) - ks / 6.0;
+        self.matrix.fill([0.0; LANES]);
+        self.diagonal.fill([0.0; LANES]);
+        self.add_springs(load, x);
+        self.add_prisms(load, x);
+        for (i, normal) in normals.iter().enumerate() {
+            let diagonal = &mut self.diagonal[i];
+            self.held[i] = 0.0;
+            if *normal != ZERO {
+                self.held[i] = 1.0 / diagonal[2];
+                diagonal[2] += HELD;
             }
         }
-        for (&slot, value) in system.diagonal.iter().zip(diagonal) {
-            matrix[slot as usize] += value;
+        for (&slot, value) in system.diagonal.iter().zip(&self.diagonal) {
+            let entry = &mut self.matrix[slot as usize];
+            *entry = lanes(|l| entry[l] + value[l]);
+            entry[3] = 1.0;
         }
         self.factors += 1;
         self.factor.refactor(
@@ -179,18 +168,99 @@ impl Preconditioner {
         )
     }
 
+    /// Springs along edges, of columns, and to the skull.
+    fn add_springs(&mut self, load: &Load<'_>, x: &[V3]) {
+        let model = load.model;
+        let system = &model.template.pattern;
+        let n = load.attachment.len();
+        let mut add = |[a, b]: [u32; 2], slot: u32, k: f64, rest: f64| {
+            let (a, b) = (a as usize, b as usize);
+            let d = sub(x[a], x[b]);
+            let length = norm(d).max(1e-9);
+            let across = k * (1.0 - rest / length).max(0.0);
+            // Both frames are upright and nearly the same: the first one serves.
+            let u = rotate(&self.frames[a], d);
+            let along = (k - across) / (length * length);
+            let block = u.map(|v| along * v * v + across);
+            add_to(&mut self.diagonal[a], block);
+            add_to(&mut self.diagonal[b], block);
+            add_to(&mut self.matrix[slot as usize], block.map(|v| -v));
+        };
+        let edges = model.template.edges.iter().zip(&system.edges);
+        for (e, (edge, slots)) in edges.enumerate() {
+            for (l, pair) in ends(*edge, n as u32).into_iter().enumerate() {
+                add(pair, slots[l], load.stiffness[e][l], load.rest_length[e][l]);
+            }
+        }
+        let springs = &model.springs;
+        for (i, &slot) in system.columns.iter().enumerate() {
+            let pair = [i as u32, (n + i) as u32];
+            add(pair, slot, springs.vertical_stiffness, springs.vertical_length[i]);
+        }
+        for (i, &hold) in load.attachment.iter().enumerate() {
+            add_to(&mut self.diagonal[n + i], [hold; 3]);
+        }
+    }
+
+    fn add_prisms(&mut self, load: &Load<'_>, x: &[V3]) {
+        let model = load.model;
+        let elements = &model.elements;
+        let ks = elements.shape_stiffness;
+        for (e, slots) in model.template.pattern.elements.iter().enumerate() {
+            let nodes = &elements.nodes[e];
+            let volume = Volume::of(&nodes.map(|i| x[i as usize]));
+            let kappa = elements.groups[e / LANES].stiffening(e % LANES, volume.value);
+            let mut slopes = volume.gradient();
+            for (&node, s) in nodes.iter().zip(&mut slopes) {
+                *s = rotate(&self.frames[node as usize], *s);
+                let own = s.map(|v| ks * (5.0 / 6.0) + kappa * v * v);
+                add_to(&mut self.diagonal[node as usize], own);
+            }
+            for (&slot, [a, b]) in slots.iter().zip(&pairs_of(&slopes)) {
+                let pair = [0, 1, 2].map(|c| kappa * a[c] * b[c] - ks / 6.0);
+                add_to(&mut self.matrix[slot as usize], pair);
+            }
+        }
+    }
+
+    /// Smallest pivot of the matrices.
+    pub(crate) fn smallest_pivot(&self, system: &SystemPattern) -> f64 {
+        self.factor.smallest_pivot(&system.pattern)
+    }
+
     /// `out = -P^-1 gradient` on moving nodes, zero elsewhere.
     pub(crate) fn descend(&mut self, system: &SystemPattern, gradient: &[V3], out: &mut [V3]) {
         let order = system.pattern.order();
         for (&row, &node) in order.iter().zip(&system.nodes) {
-            let [x, y, z] = gradient[node as usize];
-            self.sides[row as usize] = [-x, -y, -z, 0.0];
+            let [a, b, c] = rotate(&self.frames[node as usize], gradient[node as usize]);
+            self.sides[row as usize] = [-a, -b, -c, 0.0];
         }
         self.factor.solve_ordered(&system.pattern, &mut self.sides);
         out.fill(ZERO);
         for (&row, &node) in order.iter().zip(&system.nodes) {
-            let [x, y, z, _] = self.sides[row as usize];
-            out[node as usize] = [x, y, z];
+            let [a, b, c, _] = self.sides[row as usize];
+            let (frame, node) = (&self.frames[node as usize], node as usize);
+            // A node that was let go since is moved by its own stiffness alone.
+            let free = c - self.held[node] * dot(frame[2], gradient[node]);
+            out[node] = rotate_back(frame, [a, b, free]);
         }
     }
+}
+
+/// Rows: around the axis, up, outwards.
+fn frame(p: &V3) -> M3 {
+    around(unit([p[0], 0.0, p[2]]))
+}
+
+/// An upright frame whose last row is `out`.
+fn around(out: V3) -> M3 {
+    let side = unit([out[2], 0.0, -out[0]]);
+    [side, cross(out, side), out]
+}
+
+#[inline(always)]
+fn add_to(a: &mut Lanes, b: V3) {
+    a[0] += b[0];
+    a[1] += b[1];
+    a[2] += b[2];
 }
