@@ -1,16 +1,18 @@
 //! Time, iterations and certificate of every built-in expression on the mean head and on sampled identities.
 //!
 //! `cargo run --release --example solve_times -- [--identities N] [--seed S] [--solver KIND] [--compare] [--repeat R]
-//! [--muscles FILE] [--expressions FILE] [names]`, names being expressions, `MUSCLE=C` or `jaw=DEGREES`
+//! [--random COUNT] [--moderate] [--muscles FILE] [--expressions FILE] [names]`, names being expressions, `MUSCLE=C` or `jaw=DEGREES`
 //!
 //! `--compare` solves with the default as well and prints the largest distance between nodes.
 
 use std::error::Error;
 use std::time::Instant;
 
+use facile_core::ReferenceHead;
 use facile_core::identity::IdentityModel;
-use facile_core::{Attributes, ReferenceHead, Similarity3, Subject};
-use facile_sim::{ExpressionSet, FaceRig, MuscleSet, Pose, Solver, SolverKind, SolverParams};
+use facile_sim::{
+    ExpressionSet, FaceRig, MuscleSet, Pose, Solver, SolverKind, SolverParams, mean_subject,
+};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let mut identities = 0;
@@ -19,6 +21,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut muscles = MuscleSet::embedded().clone();
     let mut expressions = ExpressionSet::embedded().clone();
     let mut compare = false;
+    let mut random = None;
+    let mut moderate = false;
     let mut params = SolverParams::default();
     let mut names = Vec::new();
     let mut args = std::env::args().skip(1);
@@ -34,6 +38,8 @@ fn main() -> Result<(), Box<dyn Error>> {
             "--seed" => seed = number()?,
             "--repeat" => repeat = number()?,
             "--compare" => compare = true,
+            "--random" => random = Some(number()?),
+            "--moderate" => moderate = true,
             "--muscles" => {
                 let file = args.next().ok_or("a file is missing")?;
                 muscles = MuscleSet::parse(&std::fs::read_to_string(&file)?, &file)?;
@@ -45,15 +51,30 @@ fn main() -> Result<(), Box<dyn Error>> {
             "--solver" => {
                 let kind = args.next().ok_or("a solver is missing")?;
                 let all = SolverKind::ALL;
-                let kind = all.iter().find(|k| k.name() == kind).ok_or("an unknown solver")?;
+                let kind = all
+                    .iter()
+                    .find(|k| k.name() == kind)
+                    .ok_or("an unknown solver")?;
                 params = SolverParams::of(*kind);
             }
-            "--tolerance" => params.tolerance = args.next().ok_or("a number is missing")?.parse()?,
-            "--step" => params.continuation_step = args.next().ok_or("a number is missing")?.parse()?,
+            "--tolerance" => {
+                params.tolerance = args.next().ok_or("a number is missing")?.parse()?
+            }
+            "--step" => {
+                params.continuation_step = args.next().ok_or("a number is missing")?.parse()?
+            }
             name => names.push(name.to_owned()),
         }
     }
     let reference = ReferenceHead::embedded();
+    if let Some(count) = random {
+        let rig = FaceRig::new(reference, &muscles)?;
+        eprintln!(
+            "{:#?}",
+            facile_sim::stress::stress(&rig, reference, seed, count as usize, 3, moderate)?
+        );
+        return Ok(());
+    }
     let start = Instant::now();
     let rig = FaceRig::new(reference, &muscles)?;
     eprintln!(
@@ -114,7 +135,12 @@ fn main() -> Result<(), Box<dyn Error>> {
                     let (corner, brow) = (moved(54), moved(22));
                     eprintln!(
                         "  {name:12} {time:8.1} ms  {}{away}; corner {:.1} {:.1} {:.1}, inner brow {:.1} {:.1}",
-                        show(&face.certificate), corner.x, corner.y, corner.z, brow.x, brow.y
+                        show(&face.certificate),
+                        corner.x,
+                        corner.y,
+                        corner.z,
+                        brow.x,
+                        brow.y
                     );
                 }
                 Some(Err(e)) => {
@@ -138,17 +164,4 @@ fn show(c: &facile_sim::Certificate) -> String {
 
 fn ms(start: Instant) -> f64 {
     start.elapsed().as_secs_f64() * 1e3
-}
-
-fn mean_subject(reference: &ReferenceHead) -> Subject {
-    Subject {
-        id: "mean".to_owned(),
-        attributes: Attributes::default(),
-        positions: reference.mesh.positions.clone(),
-        expected_error: vec![0.0; reference.mesh.positions.len()],
-        texture: reference.texture.clone(),
-        eyes: reference.eyes,
-        eye_color: "brown".to_owned(),
-        skull_from_reference: Similarity3::identity(),
-    }
 }

@@ -1,9 +1,10 @@
-//! One-sided contact with the skull, the eyeballs, and of the lips with each other.
+//! One-sided contact with the skull and the eyeballs, and of the lips with each other.
 //!
 //! Section 4.3.2 puts nodes back that fall below the skull and drops the inward part of forces near it. That never
 //! settles; its equilibrium is the one of frictionless constraints `gap >= 0`, which is what both solvers here look for:
 //! the quasi-static one slides resting nodes along the surface, Verlet and FIRE put nodes back. Gaps are measured in mm from each node's own
-//! place at rest, so that a face at rest is free of contact force.
+//! place at rest, so that a face at rest is free of contact force. Lips are flesh on flesh: they press on each other with
+//! an energy of their overlap.
 
 use crate::kinematics::Rigid;
 use crate::skull::HeightField;
@@ -35,19 +36,21 @@ pub(crate) struct EyeContact {
     pub(crate) distance: f64,
 }
 
-/// A node of the upper lip against a triangle of the lower one.
+/// A node of the upper lip's rim against a point between two nodes of the lower one's.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct LipContact {
     pub(crate) node: u32,
-    pub(crate) corners: [u32; 3],
-    pub(crate) weights: V3,
-    /// Direction of contact at rest, from the lower to the upper lip.
-    pub(crate) direction: V3,
-    /// Gap at rest, mm, at most 0: lips may touch a little at rest.
+    pub(crate) below: [u32; 2],
+    pub(crate) weights: [f64; 2],
+    /// Gap at rest where the lips are closed further than they touch, mm, at most 0.
     pub(crate) offset: f64,
-    /// Cage vertices of both sides, whose mean rotation turns the direction.
+    /// Cage vertices of the three nodes, whose mean rotation turns the direction of contact, which is up at rest.
     pub(crate) cage: [u32; 3],
 }
+
+/// Flesh on flesh: force per mm of overlap of a pair of lip nodes. Half a newton of the model's muscles closes the lips to
+/// within a tenth of a mm.
+const LIP_STIFFNESS: f64 = 400.0;
 
 /// All contacts of a model.
 #[derive(Clone, Debug, Default)]
@@ -74,20 +77,20 @@ pub(crate) struct PosedContacts<'a> {
 pub(crate) struct Gap {
     /// Distance, mm; negative is penetration.
     pub(crate) value: f64,
-    /// Gradient by the contact's node; the corners of a lip contact have minus their weight times it.
+    /// Gradient by the contact's node.
     pub(crate) gradient: V3,
 }
 
 impl PosedContacts<'_> {
-    /// Number of contacts.
+    /// Number of contacts with skull and eyeballs.
     pub(crate) fn len(&self) -> usize {
-        self.contacts.skull.len() + self.contacts.eyes.len() + self.contacts.lips.len()
+        self.contacts.skull.len() + self.contacts.eyes.len()
     }
 
     /// The gap of contact `c`.
     #[inline]
     pub(crate) fn gap(&self, c: usize, x: &[V3]) -> Gap {
-        let (skull, eyes) = (self.contacts.skull.len(), self.contacts.eyes.len());
+        let skull = self.contacts.skull.len();
         if c < skull {
             let s = &self.contacts.skull[c];
             let frame = &self.frames[c];
@@ -97,7 +100,7 @@ impl PosedContacts<'_> {
                 value: (gap - s.offset) * s.cosine,
                 gradient: scale(rotate(&frame.rotation, gradient), s.cosine),
             }
-        } else if c < skull + eyes {
+        } else {
             let s = &self.contacts.eyes[c - skull];
             let away = sub(x[s.node as usize], self.eyes[s.eye as usize]);
             let distance = norm(away).max(1e-9);
@@ -105,34 +108,52 @@ impl PosedContacts<'_> {
                 value: distance - s.distance,
                 gradient: scale(away, 1.0 / distance),
             }
-        } else {
-            let s = &self.contacts.lips[c - skull - eyes];
-            let direction = self.directions[c - skull - eyes];
-            let below = (0..3).fold([0.0; 3], |sum, k| {
-                add_scaled(sum, x[s.corners[k] as usize], s.weights[k])
-            });
-            Gap {
-                value: dot(sub(x[s.node as usize], below), direction) - s.offset,
-                gradient: direction,
+        }
+    }
+
+    /// Overlap of a lip contact, mm, negative where the lips are apart.
+    fn overlap(&self, c: usize, x: &[V3]) -> f64 {
+        let s = &self.contacts.lips[c];
+        let [a, b] = s.below.map(|i| x[i as usize]);
+        let below = add_scaled(scale(a, s.weights[0]), b, s.weights[1]);
+        s.offset - dot(sub(x[s.node as usize], below), self.directions[c])
+    }
+
+    /// Energy of the lips' overlap; adds its gradient.
+    pub(crate) fn lip_energy(&self, x: &[V3], gradient: &mut [V3]) -> f64 {
+        let mut energy = 0.0;
+        for (c, s) in self.contacts.lips.iter().enumerate() {
+            let overlap = self.overlap(c, x);
+            if overlap > 0.0 {
+                energy += LIP_STIFFNESS * overlap * overlap;
+                let push = scale(self.directions[c], LIP_STIFFNESS * overlap);
+                let i = s.node as usize;
+                gradient[i] = sub(gradient[i], push);
+                for (&i, w) in s.below.iter().zip(s.weights) {
+                    gradient[i as usize] = add_scaled(gradient[i as usize], push, w);
+                }
+            }
+        }
+        0.5 * energy
+    }
+
+    /// Calls `f(node, stiffness)` for the nodes of lips that press.
+    pub(crate) fn lip_stiffness(&self, x: &[V3], mut f: impl FnMut(u32, f64)) {
+        for (c, s) in self.contacts.lips.iter().enumerate() {
+            if self.overlap(c, x) > 0.0 {
+                f(s.node, LIP_STIFFNESS);
+                for (&i, w) in s.below.iter().zip(s.weights) {
+                    f(i, LIP_STIFFNESS * w * w);
+                }
             }
         }
     }
 
-    /// Calls `f(node, share)` for the nodes that move contact `c`: the node with share 1, corners with minus their weight.
-    #[inline]
-    pub(crate) fn nodes(&self, c: usize, mut f: impl FnMut(u32, f64)) {
-        let (skull, eyes) = (self.contacts.skull.len(), self.contacts.eyes.len());
-        if c < skull {
-            f(self.contacts.skull[c].node, 1.0);
-        } else if c < skull + eyes {
-            f(self.contacts.eyes[c - skull].node, 1.0);
-        } else {
-            let s = &self.contacts.lips[c - skull - eyes];
-            f(s.node, 1.0);
-            for k in 0..3 {
-                f(s.corners[k], -s.weights[k]);
-            }
-        }
+    /// Largest overlap of the lips, mm.
+    pub(crate) fn lip_overlap(&self, x: &[V3]) -> f64 {
+        (0..self.contacts.lips.len())
+            .map(|c| self.overlap(c, x))
+            .fold(0.0, f64::max)
     }
 
     /// Largest penetration, mm.
@@ -140,11 +161,6 @@ impl PosedContacts<'_> {
         (0..self.len())
             .map(|c| -self.gap(c, x).value)
             .fold(0.0, f64::max)
-    }
-
-    /// Number of contacts of a single node with skull or eyeball: the first ones.
-    pub(crate) fn single(&self) -> usize {
-        self.contacts.skull.len() + self.contacts.eyes.len()
     }
 
     /// The node of a contact with skull or eyeball.
@@ -163,7 +179,7 @@ impl PosedContacts<'_> {
     pub(crate) fn resting(&self, x: &[V3], gradient: &[V3], normals: &mut [V3]) -> usize {
         normals.fill([0.0; 3]);
         let mut count = 0;
-        for c in 0..self.single() {
+        for c in 0..self.len() {
             let node = self.node(c);
             let gap = self.gap(c, x);
             if gap.value <= TOUCH_MM && dot(gradient[node], gap.gradient) > 0.0 {
@@ -176,7 +192,7 @@ impl PosedContacts<'_> {
 
     /// Puts nodes onto skull and eyeballs: those that rest there already, and those that are below.
     pub(crate) fn settle(&self, x: &mut [V3], normals: &[V3]) {
-        for c in 0..self.single() {
+        for c in 0..self.len() {
             let node = self.node(c);
             let rests = normals[node] != [0.0; 3];
             for _ in 0..4 {
@@ -190,58 +206,34 @@ impl PosedContacts<'_> {
         }
     }
 
-    /// Puts nodes back onto the surfaces they fell through and takes away their inward velocity. `free`: which nodes move.
-    pub(crate) fn project(&self, x: &mut [V3], velocity: &mut [V3], free: &[bool]) {
+    /// Puts nodes back onto the surfaces they fell through and takes away their inward velocity.
+    pub(crate) fn project(&self, x: &mut [V3], velocity: &mut [V3]) {
         for c in 0..self.len() {
             let gap = self.gap(c, x);
             if gap.value > 0.0 {
                 continue;
             }
-            let (mut weight, mut speed) = (0.0, 0.0);
+            let node = self.node(c);
             let square = dot(gap.gradient, gap.gradient);
-            self.nodes(c, |node, share| {
-                if free[node as usize] {
-                    weight += share * share * square;
-                    speed += share * dot(velocity[node as usize], gap.gradient);
-                }
-            });
-            if weight < 1e-12 {
-                continue;
-            }
-            let (back, slow) = (-gap.value / weight, (-speed).max(0.0) / weight);
-            self.nodes(c, |node, share| {
-                let i = node as usize;
-                if free[i] {
-                    x[i] = add_scaled(x[i], gap.gradient, back * share);
-                    velocity[i] = add_scaled(velocity[i], gap.gradient, slow * share);
-                }
-            });
+            let inward = dot(velocity[node], gap.gradient).min(0.0);
+            x[node] = add_scaled(x[node], gap.gradient, -gap.value / square);
+            velocity[node] = add_scaled(velocity[node], gap.gradient, -inward / square);
         }
     }
 
     /// Takes the part of `gradient` that contact forces balance out of it, in place: for nodes within `touch` mm of a
     /// surface, the part that pushes them inward.
-    pub(crate) fn balance(&self, x: &[V3], touch: f64, gradient: &mut [V3], free: &[bool]) {
+    pub(crate) fn balance(&self, x: &[V3], touch: f64, gradient: &mut [V3]) {
         for c in 0..self.len() {
             let gap = self.gap(c, x);
             if gap.value > touch {
                 continue;
             }
-            let (mut weight, mut push) = (0.0, 0.0);
-            let square = dot(gap.gradient, gap.gradient);
-            self.nodes(c, |node, share| {
-                if free[node as usize] {
-                    weight += share * share * square;
-                    push += share * dot(gradient[node as usize], gap.gradient);
-                }
-            });
-            if push > 0.0 && weight > 1e-12 {
-                self.nodes(c, |node, share| {
-                    let i = node as usize;
-                    if free[i] {
-                        gradient[i] = add_scaled(gradient[i], gap.gradient, -push / weight * share);
-                    }
-                });
+            let node = self.node(c);
+            let push = dot(gradient[node], gap.gradient);
+            if push > 0.0 {
+                let square = dot(gap.gradient, gap.gradient);
+                gradient[node] = add_scaled(gradient[node], gap.gradient, -push / square);
             }
         }
     }

@@ -1,6 +1,7 @@
 //! A model in a pose: springs changed by muscles, skull and jaw in place, everything the solvers' energy needs.
 //!
-//! The total energy is that of springs, zero-length attachments, shape and volume; contact is apart, see `contact`.
+//! The total energy is that of springs, zero-length attachments, shape, volume and the lips' overlap; skull and eyeballs
+//! bound it, see `contact`.
 //! Its gradient is the left side of eq. 11 at rest: the residual of the equilibrium.
 
 use crate::SimError;
@@ -62,7 +63,7 @@ impl<'a> Load<'a> {
                 .contacts
                 .lips
                 .iter()
-                .map(|l| rotate(&motion_of.element_rotation(l.cage), l.direction))
+                .map(|l| rotate(&motion_of.element_rotation(l.cage), [0.0, 1.0, 0.0]))
                 .collect(),
         };
         let offsets = model.elements.turned(|e| {
@@ -129,7 +130,7 @@ impl<'a> Load<'a> {
         }
     }
 
-    /// The energy without contact; `gradient` (one entry per node) receives its gradient.
+    /// The energy without contact with skull and eyeballs; `gradient` (one entry per node) receives its gradient.
     pub(crate) fn energy(&self, x: &[V3], gradient: &mut [V3]) -> f64 {
         gradient.fill([0.0; 3]);
         let edges = dispatch(EdgeSprings {
@@ -145,7 +146,8 @@ impl<'a> Load<'a> {
             x,
             gradient,
         });
-        edges + prisms + self.column_energy(x, gradient)
+        let lips = self.contacts.lip_energy(x, gradient);
+        edges + prisms + self.column_energy(x, gradient) + lips
     }
 
     /// Springs between the skin and the fascia below it, and between fascia and skull.
@@ -190,4 +192,84 @@ fn lid_poses(model: &FaceModel, pose: &Pose) -> [LidPose; 2] {
             pitch: pose.gaze.pitch_rad,
         }
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{FaceRig, MuscleSet};
+    use facile_core::ReferenceHead;
+
+    /// Numbers in `[-1, 1]` without a pattern.
+    fn noise(k: usize) -> f64 {
+        libm::sin(12.9898 * k as f64 + 0.3 * libm::sin(78.233 * k as f64))
+    }
+
+    #[test]
+    fn the_gradient_of_the_whole_system_is_that_of_its_energy() {
+        let reference = ReferenceHead::embedded();
+        let muscles = MuscleSet::embedded();
+        let rig = FaceRig::new(reference, muscles).expect("built in");
+        let model = rig
+            .model(reference, &crate::mean_subject(reference))
+            .expect("the mean head");
+        let mut pose = Pose::default();
+        for (key, c) in [
+            ("zygomatic_major", 0.8),
+            ("orbicularis_oris", 0.7),
+            ("frontalis", 0.4),
+        ] {
+            pose.set(muscles, key, c).expect("known");
+        }
+        pose.jaw.open_rad = 0.1;
+        let load = Load::new(&model, &pose).expect("valid");
+        // Noise of a millimetre; the upper lip is pressed through the lower one and some prisms are turned inside out.
+        let mut x = load.carried.clone();
+        for (i, p) in x.iter_mut().enumerate() {
+            *p = [0, 1, 2].map(|k| p[k] + noise(3 * i + k));
+        }
+        for lip in &model.contacts.lips {
+            x[lip.node as usize][1] -= 4.0;
+        }
+        assert!(model.elements.inverted(&x) > 0 && load.contacts.lip_overlap(&x) > 1.0);
+        let mut gradient = vec![[0.0; 3]; x.len()];
+        load.energy(&x, &mut gradient);
+        let mut scratch = gradient.clone();
+        let step = 1e-5;
+        for trial in 0..8 {
+            // All nodes along a random direction, then fewer and fewer of them.
+            let every = 1 << trial;
+            let direction: Vec<V3> = (0..x.len())
+                .map(|i| {
+                    let on = f64::from(u8::from(i % every == 0));
+                    [0, 1, 2].map(|k| on * noise(7 * i + 31 * k + trial + 5))
+                })
+                .collect();
+            let slope: f64 = gradient
+                .iter()
+                .zip(&direction)
+                .map(|(g, d)| dot(*g, *d))
+                .sum();
+            let mut at = |t: f64| {
+                let y: Vec<V3> = x
+                    .iter()
+                    .zip(&direction)
+                    .map(|(p, d)| add_scaled(*p, *d, t))
+                    .collect();
+                load.energy(&y, &mut scratch)
+            };
+            // Fourth order in the step.
+            let measured =
+                (8.0 * (at(step) - at(-step)) - (at(2.0 * step) - at(-2.0 * step))) / (12.0 * step);
+            let size: f64 = gradient
+                .iter()
+                .zip(&direction)
+                .map(|(g, d)| dot(*g, *d).abs())
+                .sum();
+            assert!(
+                (slope - measured).abs() < 1e-8 * size,
+                "every {every}: {slope} {measured}"
+            );
+        }
+    }
 }

@@ -321,16 +321,6 @@ impl<T: Stored> Factor<T> {
             y: sides,
         });
     }
-
-    /// Smallest pivot of the first three lanes.
-    pub(crate) fn smallest_pivot(&self, pattern: &Pattern) -> f64 {
-        let diagonal = pattern.supernodes.iter().flat_map(|s| {
-            (0..s.width as usize).map(|j| self.values[s.values as usize + j * (s.height() + 1)])
-        });
-        diagonal
-            .flat_map(|d| [d[0] * d[0], d[1] * d[1], d[2] * d[2]])
-            .fold(f64::INFINITY, f64::min)
-    }
 }
 
 /// The factorisation; on failure the row of the bad pivot.
@@ -580,7 +570,6 @@ mod tests {
             let t = (i + 1) as f64;
             assert!((v[1] - t).abs() < 1e-12 && (v[2] + 2.0 * t).abs() < 1e-12 && v[0] == 0.0);
         }
-        assert!(factor.smallest_pivot(&pattern) > 0.1);
         entries.fill(0.0);
         assert!(factor.refactor_one(&pattern, "chain", &entries).is_err());
     }

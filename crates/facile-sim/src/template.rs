@@ -140,6 +140,11 @@ impl Template {
         Ok(template)
     }
 
+    /// The muscles on the mesh.
+    pub fn muscles(&self) -> &MuscleSet {
+        &self.muscles
+    }
+
     /// Number of nodes a layer, free and fixed.
     pub fn node_count(&self) -> usize {
         self.cage_of_node.len()

@@ -7,10 +7,10 @@ use super::certificate::residual;
 use super::quasi_static::{carry, path_steps};
 use super::{Outcome, SolverParams};
 use crate::SimError;
+use crate::elements::MOST_STIFFENING;
 use crate::load::Load;
 use crate::model::FaceModel;
 use crate::pose::Pose;
-use crate::elements::MOST_STIFFENING;
 use crate::springs::ends;
 use crate::vector::{V3, ZERO, add_scaled, dot, scale};
 
@@ -78,10 +78,10 @@ fn relax(load: &Load<'_>, x: &mut [V3], tolerance: f64, budget: usize) -> Outcom
         converged: false,
         energy: f64::INFINITY,
     };
-    load.contacts.project(x, &mut velocity, moving);
+    load.contacts.project(x, &mut velocity);
     while out.iterations < budget {
         out.energy = load.energy(x, &mut gradient);
-        load.contacts.balance(x, TOUCH_MM, &mut gradient, moving);
+        load.contacts.balance(x, TOUCH_MM, &mut gradient);
         if out.iterations.is_multiple_of(CHECK) {
             out.residual = residual(load, x, &mut gradient, TOUCH_MM);
             out.converged = out.residual <= tolerance;
@@ -124,7 +124,7 @@ fn relax(load: &Load<'_>, x: &mut [V3], tolerance: f64, budget: usize) -> Outcom
             *v = add_scaled(*v, *g, -dt * m);
             *p = add_scaled(*p, *v, if *m > 0.0 { dt } else { 0.0 });
         }
-        load.contacts.project(x, &mut velocity, moving);
+        load.contacts.project(x, &mut velocity);
     }
     out
 }

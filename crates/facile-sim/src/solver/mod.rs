@@ -25,6 +25,7 @@ use crate::pose::Pose;
 use crate::vector::{V3, sub, to_point};
 use lbfgs::Lbfgs;
 use preconditioner::Preconditioner;
+use quasi_static::Walk;
 
 /// Which way to the equilibrium.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -161,17 +162,67 @@ impl Solver {
         params: &SolverParams,
     ) -> Result<Equilibrium, SimError> {
         pose.check(&model.template.muscles)?;
-        let mut scratch = match self.scratch.take() {
+        let mut scratch = self.scratch(model);
+        let result = solve(&mut scratch, model, pose, params);
+        self.scratch = Some(scratch);
+        result
+    }
+
+    /// The equilibria of one motion at several intensities: each starts from the one before, its first guess continued
+    /// to first order. `intensities` in `(0, 1]`, ascending; one result for each. Only for the quasi-static solver; the
+    /// others solve each intensity from neutral.
+    ///
+    /// Each equilibrium is that of [`Self::solve`] to the tolerance (0.01 mm at the default), but not to the last bit.
+    ///
+    /// # Errors
+    /// Those of [`Self::solve`], for each intensity on its own.
+    pub fn solve_ladder(
+        &mut self,
+        model: &FaceModel,
+        pose: &Pose,
+        intensities: &[f64],
+        params: &SolverParams,
+    ) -> Vec<Result<Equilibrium, SimError>> {
+        let mut out = Vec::with_capacity(intensities.len());
+        if let Err(e) = pose.check(&model.template.muscles) {
+            return intensities.iter().map(|_| Err(e.clone())).collect();
+        }
+        let mut scratch = self.scratch(model);
+        let mut walk: Option<Walk<'_>> = None;
+        let mut at = 0.0;
+        for &intensity in intensities {
+            let here = pose.scaled(intensity);
+            let climbs = params.kind == SolverKind::QuasiStatic && intensity > at;
+            if !climbs || here.is_neutral() {
+                out.push(solve(&mut scratch, model, &here, params));
+                continue;
+            }
+            let mut current = walk.take().unwrap_or_else(|| Walk::new(model, pose));
+            let result = current
+                .go(&mut scratch, intensity, params)
+                .and_then(|(load, outcome)| certify(&load, &current.x, &here, params, &outcome));
+            // After a failure the next one starts from neutral.
+            if result.is_ok() {
+                walk = Some(current);
+                at = intensity;
+            } else {
+                at = 0.0;
+            }
+            out.push(result);
+        }
+        self.scratch = Some(scratch);
+        out
+    }
+
+    fn scratch(&mut self, model: &FaceModel) -> Scratch {
+        match self.scratch.take() {
             Some(s) if s.nodes == model.rest.len() => s,
             _ => Scratch {
                 preconditioner: Preconditioner::new(&model.template.pattern),
                 lbfgs: Lbfgs::default(),
                 nodes: model.rest.len(),
             },
-        };
-        let result = solve(&mut scratch, model, pose, params);
-        self.scratch = Some(scratch);
-        result
+        }
     }
 }
 
@@ -181,18 +232,40 @@ fn solve(
     pose: &Pose,
     params: &SolverParams,
 ) -> Result<Equilibrium, SimError> {
-    let load = Load::new(model, pose)?;
-    let (x, outcome) = if pose.is_neutral() {
+    let (load, x, outcome) = if pose.is_neutral() {
         // The rest state is the equilibrium by construction: nothing to iterate, nothing to round.
-        (model.rest.clone(), certificate::assess(&load, &model.rest))
+        let load = Load::new(model, pose)?;
+        let outcome = certificate::assess(&load, &model.rest);
+        (load, model.rest.clone(), outcome)
     } else {
         match params.kind {
-            SolverKind::QuasiStatic => quasi_static::solve(scratch, model, pose, params)?,
-            SolverKind::Verlet => verlet::solve(model, pose, params)?,
-            SolverKind::Fire => fire::solve(model, pose, params)?,
+            SolverKind::QuasiStatic => {
+                let mut walk = Walk::new(model, pose);
+                let (load, outcome) = walk.go(scratch, 1.0, params)?;
+                (load, walk.x, outcome)
+            }
+            SolverKind::Verlet | SolverKind::Fire => {
+                let (x, outcome) = if params.kind == SolverKind::Verlet {
+                    verlet::solve(model, pose, params)?
+                } else {
+                    fire::solve(model, pose, params)?
+                };
+                (Load::new(model, pose)?, x, outcome)
+            }
         }
     };
-    let certificate = Certificate::new(&load, &x, params.kind, &outcome);
+    certify(&load, &x, pose, params, &outcome)
+}
+
+/// The equilibrium of nodes that a solver handed back, or what is wrong with them.
+fn certify(
+    load: &Load<'_>,
+    x: &[V3],
+    pose: &Pose,
+    params: &SolverParams,
+    outcome: &Outcome,
+) -> Result<Equilibrium, SimError> {
+    let certificate = Certificate::new(load, x, params.kind, outcome);
     let within = certificate.max_penetration_mm <= params.max_penetration_mm;
     if !outcome.converged || !within || !outcome.energy.is_finite() {
         return Err(SimError::NotConverged {
@@ -203,7 +276,7 @@ fn solve(
             penetration_mm: certificate.max_penetration_mm,
         });
     }
-    Ok(finish(&load, &x, pose, certificate))
+    Ok(finish(load, x, pose, certificate))
 }
 
 /// From nodes to fine vertices, in the head's frame.

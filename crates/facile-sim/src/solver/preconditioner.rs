@@ -134,7 +134,7 @@ impl Preconditioner {
         self.frames.clear();
         self.frames.extend(model.rest.iter().map(frame));
         let n = load.attachment.len();
-        for c in 0..load.contacts.single() {
+        for c in 0..load.contacts.len() {
             let node = load.contacts.node(c);
             let normal = load.contacts.gap(c, x).gradient;
             self.frames[node] = around(unit(normal));
@@ -147,6 +147,9 @@ impl Preconditioner {
         self.diagonal.fill([0.0; LANES]);
         self.add_springs(load, x);
         self.add_prisms(load, x);
+        load.contacts.lip_stiffness(x, |node, k| {
+            add_to(&mut self.diagonal[node as usize], [k; 3]);
+        });
         for (i, normal) in normals.iter().enumerate() {
             let diagonal = &mut self.diagonal[i];
             self.held[i] = 0.0;
@@ -195,7 +198,12 @@ impl Preconditioner {
         let springs = &model.springs;
         for (i, &slot) in system.columns.iter().enumerate() {
             let pair = [i as u32, (n + i) as u32];
-            add(pair, slot, springs.vertical_stiffness, springs.vertical_length[i]);
+            add(
+                pair,
+                slot,
+                springs.vertical_stiffness,
+                springs.vertical_length[i],
+            );
         }
         for (i, &hold) in load.attachment.iter().enumerate() {
             add_to(&mut self.diagonal[n + i], [hold; 3]);
@@ -221,11 +229,6 @@ impl Preconditioner {
                 add_to(&mut self.matrix[slot as usize], pair);
             }
         }
-    }
-
-    /// Smallest pivot of the matrices.
-    pub(crate) fn smallest_pivot(&self, system: &SystemPattern) -> f64 {
-        self.factor.smallest_pivot(&system.pattern)
     }
 
     /// `out = -P^-1 gradient` on moving nodes, zero elsewhere.

@@ -18,44 +18,89 @@ const REFACTOR_AFTER: usize = 40;
 /// How much looser than the last step the others are solved.
 const PATH_LOOSENESS: f64 = 500.0;
 
-/// The equilibrium of a pose: nodes and how they were found.
-pub(crate) fn solve(
-    scratch: &mut Scratch,
-    model: &FaceModel,
-    pose: &Pose,
-    params: &SolverParams,
-) -> Result<(Vec<V3>, Outcome), SimError> {
-    let steps = path_steps(pose, params);
-    let mut x = model.rest.clone();
-    let mut carried = model.rest.clone();
-    let mut iterations = 0;
-    let mut outcome = None;
-    for step in 1..=steps {
-        let last = step == steps;
-        let here = if last {
-            pose.clone()
-        } else {
-            pose.scaled(step as f64 / steps as f64)
-        };
-        let load = Load::new(model, &here)?;
-        carry(&mut x, &carried, &load);
-        carried.clone_from(&load.carried);
-        let looseness = if last { 1.0 } else { PATH_LOOSENESS };
-        let mut stage = Stage {
-            load: &load,
-            preconditioner: &mut scratch.preconditioner,
-            lbfgs: &mut scratch.lbfgs,
-            tolerance: params.tolerance * looseness,
-            budget: params.max_iterations.saturating_sub(iterations),
-        };
-        let result = stage.run(&mut x)?;
-        iterations += result.iterations;
-        outcome = Some(Outcome {
-            iterations,
-            ..result
-        });
+/// A walk along the path of a pose, from neutral to full intensity and beyond.
+pub(crate) struct Walk<'a> {
+    model: &'a FaceModel,
+    pose: &'a Pose,
+    pub(crate) x: Vec<V3>,
+    /// Where skull, jaw and lids carry the nodes.
+    carried: Vec<V3>,
+    /// Intensity.
+    at: f64,
+    /// The place before: motion since then, apart from what carried the nodes, and by how much the intensity grew.
+    last: Option<(Vec<V3>, f64)>,
+    iterations: usize,
+}
+
+impl<'a> Walk<'a> {
+    /// At the neutral face.
+    pub(crate) fn new(model: &'a FaceModel, pose: &'a Pose) -> Self {
+        Self {
+            model,
+            pose,
+            x: model.rest.clone(),
+            carried: model.rest.clone(),
+            at: 0.0,
+            last: None,
+            iterations: 0,
+        }
     }
-    Ok((x, outcome.expect("at least one step")))
+
+    /// Goes on to a higher intensity, in steps no longer than the parameters allow, and solves there. Where the step
+    /// before was solved exactly, the first guess goes on in its direction.
+    pub(crate) fn go(
+        &mut self,
+        scratch: &mut Scratch,
+        intensity: f64,
+        params: &SolverParams,
+    ) -> Result<(Load<'a>, Outcome), SimError> {
+        let before = self.iterations;
+        let steps = path_steps(&self.pose.scaled(intensity - self.at), params);
+        let start = self.at;
+        for step in 1..=steps {
+            let last = step == steps;
+            let share = step as f64 / steps as f64;
+            let to = start + share * (intensity - start);
+            let load = Load::new(self.model, &self.pose.scaled(to))?;
+            let from = self.x.clone();
+            carry(&mut self.x, &self.carried, &load);
+            if let Some((way, grown)) = &self.last {
+                let growth = (to - self.at) / grown;
+                for ((p, w), moves) in self.x.iter_mut().zip(way).zip(&self.model.template.moving) {
+                    *p = add_scaled(*p, *w, if *moves { growth } else { 0.0 });
+                }
+            }
+            let looseness = if last { 1.0 } else { PATH_LOOSENESS };
+            let mut stage = Stage {
+                load: &load,
+                preconditioner: &mut scratch.preconditioner,
+                lbfgs: &mut scratch.lbfgs,
+                tolerance: params.tolerance * looseness,
+                budget: params
+                    .max_iterations
+                    .saturating_sub(self.iterations - before),
+            };
+            let result = stage.run(&mut self.x)?;
+            self.iterations += result.iterations;
+            self.last = (last && steps == 1).then(|| {
+                let way = (0..from.len()).map(|i| {
+                    let own = sub(self.x[i], from[i]);
+                    sub(own, sub(load.carried[i], self.carried[i]))
+                });
+                (way.collect(), to - self.at)
+            });
+            self.carried.clone_from(&load.carried);
+            self.at = to;
+            if last {
+                let outcome = Outcome {
+                    iterations: self.iterations - before,
+                    ..result
+                };
+                return Ok((load, outcome));
+            }
+        }
+        unreachable!("a path has at least one step")
+    }
 }
 
 /// Number of steps of the path from neutral: the larger the motion, the more.
@@ -153,11 +198,15 @@ impl Stage<'_, '_> {
                 break (false, residual);
             }
             if since >= REFACTOR_AFTER {
-                problem.preconditioner.factor(self.load, x, &problem.normals)?;
+                problem
+                    .preconditioner
+                    .factor(self.load, x, &problem.normals)?;
                 since = 0;
             }
             let normals = problem.normals.clone();
-            let step = self.lbfgs.step(x, &mut gradient, &mut energy, &normals, &mut problem);
+            let step = self
+                .lbfgs
+                .step(x, &mut gradient, &mut energy, &normals, &mut problem);
             iterations += 1;
             since += 1;
             if step == Step::Stalled {
