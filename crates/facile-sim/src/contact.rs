@@ -60,6 +60,23 @@ pub(crate) struct Contacts {
     pub(crate) lips: Vec<LipContact>,
 }
 
+/// Where each contact's gap was measured last and by how much it exceeded touching, mm: nodes that have moved less than
+/// that allows need not be looked at.
+#[derive(Debug, Default)]
+pub(crate) struct Clearance(Vec<(V3, f64)>);
+
+/// A gap changes by at most this much per mm of motion.
+const STEEPEST: f64 = 4.0;
+
+impl Clearance {
+    #[inline]
+    fn holds(&self, c: usize, x: V3) -> bool {
+        let (at, gap) = self.0[c];
+        let way = sub(x, at);
+        gap > 0.0 && STEEPEST * STEEPEST * dot(way, way) < gap * gap
+    }
+}
+
 /// Contacts in a pose.
 #[derive(Debug)]
 pub(crate) struct PosedContacts<'a> {
@@ -175,29 +192,44 @@ impl PosedContacts<'_> {
     }
 
     /// Finds the nodes that rest on skull or eyeball: those that touch and that the `gradient` pushes in. Writes their
-    /// normals, zero for the others, and returns how many there are.
-    pub(crate) fn resting(&self, x: &[V3], gradient: &[V3], normals: &mut [V3]) -> usize {
+    /// normals, zero for the others.
+    pub(crate) fn resting(
+        &self,
+        x: &[V3],
+        gradient: &[V3],
+        clearance: &Clearance,
+        normals: &mut [V3],
+    ) {
         normals.fill([0.0; 3]);
-        let mut count = 0;
         for c in 0..self.len() {
             let node = self.node(c);
+            if clearance.holds(c, x[node]) {
+                continue;
+            }
             let gap = self.gap(c, x);
             if gap.value <= TOUCH_MM && dot(gradient[node], gap.gradient) > 0.0 {
                 normals[node] = unit(gap.gradient);
-                count += 1;
             }
         }
-        count
     }
 
     /// Puts nodes onto skull and eyeballs: those that rest there already, and those that are below.
-    pub(crate) fn settle(&self, x: &mut [V3], normals: &[V3]) {
+    pub(crate) fn settle(&self, x: &mut [V3], normals: &[V3], clearance: &mut Clearance) {
+        clearance.0.resize(self.len(), ([0.0; 3], 0.0));
         for c in 0..self.len() {
             let node = self.node(c);
             let rests = normals[node] != [0.0; 3];
+            if !rests && clearance.holds(c, x[node]) {
+                continue;
+            }
+            clearance.0[c].1 = 0.0;
             for _ in 0..4 {
                 let gap = self.gap(c, x);
-                if gap.value.abs() < EXACT_MM || (gap.value > 0.0 && !rests) {
+                if gap.value > 0.0 && !rests {
+                    clearance.0[c] = (x[node], gap.value - TOUCH_MM);
+                    break;
+                }
+                if gap.value.abs() < EXACT_MM {
                     break;
                 }
                 let back = -gap.value / dot(gap.gradient, gap.gradient);

@@ -16,6 +16,8 @@ use crate::vector::{V3, ZERO, add_scaled, dot, scale};
 
 /// Longest time step in units of the slowest scale: below the limit of stability of a spring between two nodes.
 const MAX_STEP: f64 = 0.9;
+/// The least that the longest step is shortened to.
+const MIN_STEP: f64 = 0.02;
 /// First time step.
 const FIRST_STEP: f64 = 0.3;
 /// Steps downhill before the time step grows.
@@ -26,6 +28,9 @@ const MIX: f64 = 0.1;
 const MIX_FADES: f64 = 0.99;
 /// Steps between checks of the residual.
 const CHECK: usize = 10;
+/// Checks without a smaller residual after which the longest step is halved: some spring is stiffer than its nodes' masses
+/// allow for.
+const STUCK: usize = 40;
 /// Contact counts as touching within this distance, mm.
 const TOUCH_MM: f64 = 1e-6;
 
@@ -72,6 +77,7 @@ fn relax(load: &Load<'_>, x: &mut [V3], tolerance: f64, budget: usize) -> Outcom
     let mut velocity = vec![ZERO; x.len()];
     let mut gradient = vec![ZERO; x.len()];
     let (mut dt, mut mix, mut downhill) = (FIRST_STEP, MIX, 0);
+    let (mut limit, mut lowest, mut waited) = (MAX_STEP, f64::INFINITY, 0);
     let mut out = Outcome {
         residual: f64::INFINITY,
         iterations: 0,
@@ -87,6 +93,14 @@ fn relax(load: &Load<'_>, x: &mut [V3], tolerance: f64, budget: usize) -> Outcom
             out.converged = out.residual <= tolerance;
             if out.converged || !out.energy.is_finite() {
                 break;
+            }
+            waited += 1;
+            if out.residual < lowest {
+                (lowest, waited) = (out.residual, 0);
+            } else if waited >= STUCK {
+                limit = (0.5 * limit).max(MIN_STEP);
+                dt = dt.min(limit);
+                waited = 0;
             }
         }
         out.iterations += 1;
@@ -106,7 +120,7 @@ fn relax(load: &Load<'_>, x: &mut [V3], tolerance: f64, budget: usize) -> Outcom
             }
             downhill += 1;
             if downhill > PATIENCE {
-                dt = (dt * GROW).min(MAX_STEP);
+                dt = (dt * GROW).min(limit);
                 mix *= MIX_FADES;
             }
         } else if out.iterations > 1 {

@@ -8,6 +8,7 @@ use super::lbfgs::{Lbfgs, Problem, Step};
 use super::preconditioner::Preconditioner;
 use super::{Outcome, Scratch, SolverParams};
 use crate::SimError;
+use crate::contact::Clearance;
 use crate::load::Load;
 use crate::model::FaceModel;
 use crate::pose::Pose;
@@ -46,8 +47,8 @@ impl<'a> Walk<'a> {
         }
     }
 
-    /// Goes on to a higher intensity, in steps no longer than the parameters allow, and solves there. Where the step
-    /// before was solved exactly, the first guess goes on in its direction.
+    /// Goes on to a higher intensity, in steps no longer than the parameters allow, and solves there. The first guess of
+    /// each step goes on in the direction of the one before.
     pub(crate) fn go(
         &mut self,
         scratch: &mut Scratch,
@@ -82,13 +83,13 @@ impl<'a> Walk<'a> {
             };
             let result = stage.run(&mut self.x)?;
             self.iterations += result.iterations;
-            self.last = (last && steps == 1).then(|| {
-                let way = (0..from.len()).map(|i| {
+            let way = (0..from.len())
+                .map(|i| {
                     let own = sub(self.x[i], from[i]);
                     sub(own, sub(load.carried[i], self.carried[i]))
-                });
-                (way.collect(), to - self.at)
-            });
+                })
+                .collect();
+            self.last = Some((way, to - self.at));
             self.carried.clone_from(&load.carried);
             self.at = to;
             if last {
@@ -143,11 +144,14 @@ struct Resting<'s, 'a> {
     load: &'s Load<'a>,
     preconditioner: &'s mut Preconditioner,
     normals: Vec<V3>,
+    clearance: Clearance,
 }
 
 impl Problem for Resting<'_, '_> {
     fn evaluate(&mut self, x: &mut [V3], gradient: &mut [V3]) -> f64 {
-        self.load.contacts.settle(x, &self.normals);
+        self.load
+            .contacts
+            .settle(x, &self.normals, &mut self.clearance);
         let energy = self.load.energy(x, gradient);
         for (g, moves) in gradient.iter_mut().zip(&self.load.model.template.moving) {
             if !moves {
@@ -182,6 +186,7 @@ impl Stage<'_, '_> {
             load: self.load,
             preconditioner: &mut *self.preconditioner,
             normals: vec![[0.0; 3]; x.len()],
+            clearance: Clearance::default(),
         };
         let mut energy = problem.evaluate(x, &mut gradient);
         let contacts = &self.load.contacts;
@@ -189,7 +194,7 @@ impl Stage<'_, '_> {
         let mut since = usize::MAX;
         self.lbfgs.reset();
         let (converged, residual) = loop {
-            contacts.resting(x, &gradient, &mut problem.normals);
+            contacts.resting(x, &gradient, &problem.clearance, &mut problem.normals);
             let residual = problem.force(&gradient);
             if residual <= self.tolerance {
                 break (true, residual);
