@@ -10,8 +10,10 @@ use std::fs;
 use std::path::Path;
 use std::time::Instant;
 
-use facile_core::{ReferenceHead, Similarity3, Subject};
-use facile_sim::{ExpressionSet, FaceModel, MuscleSet, Pose, Solver, SolverKind, SolverParams};
+use facile_core::ReferenceHead;
+use facile_sim::{
+    ExpressionSet, FaceModel, MuscleSet, Pose, Solver, SolverKind, SolverParams, mean_subject,
+};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let mut args = std::env::args().skip(1);
@@ -68,19 +70,6 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     fs::write(Path::new(&out).join("poses.tsv"), table)?;
     Ok(())
-}
-
-fn mean_subject(reference: &ReferenceHead) -> Subject {
-    Subject {
-        id: "mean".to_owned(),
-        attributes: facile_core::Attributes::default(),
-        positions: reference.mesh.positions.clone(),
-        expected_error: vec![0.0; reference.mesh.positions.len()],
-        texture: reference.texture.clone(),
-        eyes: reference.eyes,
-        eye_color: "brown".to_owned(),
-        skull_from_reference: Similarity3::identity(),
-    }
 }
 
 fn poses(muscles: &MuscleSet, names: &[String]) -> Result<Vec<(String, Pose)>, Box<dyn Error>> {

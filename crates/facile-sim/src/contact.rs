@@ -1,13 +1,19 @@
-//! One-sided contact with the skull, the eyeballs, and of the lips with each other.
+//! One-sided contact with the skull and the eyeballs, and of the lips with each other.
 //!
 //! Section 4.3.2 puts nodes back that fall below the skull and drops the inward part of forces near it. That never
 //! settles; its equilibrium is the one of frictionless constraints `gap >= 0`, which is what both solvers here look for:
-//! the quasi-static one by an augmented Lagrangian, Verlet by projection. Gaps are measured in mm from each node's own
-//! place at rest, so that a face at rest is free of contact force.
+//! the quasi-static one slides resting nodes along the surface, Verlet and FIRE put nodes back. Gaps are measured in mm from each node's own
+//! place at rest, so that a face at rest is free of contact force. Lips are flesh on flesh: they press on each other with
+//! an energy of their overlap.
 
 use crate::kinematics::Rigid;
 use crate::skull::HeightField;
-use crate::vector::{V3, add_scaled, dot, norm, rotate, rotate_back, scale, sub};
+use crate::vector::{V3, add_scaled, dot, norm, rotate, rotate_back, scale, sub, unit};
+
+/// Nodes nearer than this to skull or eyeball touch it, mm.
+const TOUCH_MM: f64 = 1e-6;
+/// Nodes are put back onto a surface to this accuracy, mm.
+const EXACT_MM: f64 = 1e-10;
 
 /// A node against the skull field.
 #[derive(Clone, Copy, Debug)]
@@ -30,19 +36,21 @@ pub(crate) struct EyeContact {
     pub(crate) distance: f64,
 }
 
-/// A node of the upper lip against a triangle of the lower one.
+/// A node of the upper lip's rim against a point between two nodes of the lower one's.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct LipContact {
     pub(crate) node: u32,
-    pub(crate) corners: [u32; 3],
-    pub(crate) weights: V3,
-    /// Direction of contact at rest, from the lower to the upper lip.
-    pub(crate) direction: V3,
-    /// Gap at rest, mm, at most 0: lips may touch a little at rest.
+    pub(crate) below: [u32; 2],
+    pub(crate) weights: [f64; 2],
+    /// Gap at rest where the lips are closed further than they touch, mm, at most 0.
     pub(crate) offset: f64,
-    /// Cage vertices of both sides, whose mean rotation turns the direction.
+    /// Cage vertices of the three nodes, whose mean rotation turns the direction of contact, which is up at rest.
     pub(crate) cage: [u32; 3],
 }
+
+/// Flesh on flesh: force per mm of overlap of a pair of lip nodes. Half a newton of the model's muscles closes the lips to
+/// within a tenth of a mm.
+const LIP_STIFFNESS: f64 = 400.0;
 
 /// All contacts of a model.
 #[derive(Clone, Debug, Default)]
@@ -50,6 +58,23 @@ pub(crate) struct Contacts {
     pub(crate) skull: Vec<SkullContact>,
     pub(crate) eyes: Vec<EyeContact>,
     pub(crate) lips: Vec<LipContact>,
+}
+
+/// Where each contact's gap was measured last and by how much it exceeded touching, mm: nodes that have moved less than
+/// that allows need not be looked at.
+#[derive(Debug, Default)]
+pub(crate) struct Clearance(Vec<(V3, f64)>);
+
+/// A gap changes by at most this much per mm of motion.
+const STEEPEST: f64 = 4.0;
+
+impl Clearance {
+    #[inline]
+    fn holds(&self, c: usize, x: V3) -> bool {
+        let (at, gap) = self.0[c];
+        let way = sub(x, at);
+        gap > 0.0 && STEEPEST * STEEPEST * dot(way, way) < gap * gap
+    }
 }
 
 /// Contacts in a pose.
@@ -69,20 +94,20 @@ pub(crate) struct PosedContacts<'a> {
 pub(crate) struct Gap {
     /// Distance, mm; negative is penetration.
     pub(crate) value: f64,
-    /// Gradient by the contact's node; the corners of a lip contact have minus their weight times it.
+    /// Gradient by the contact's node.
     pub(crate) gradient: V3,
 }
 
 impl PosedContacts<'_> {
-    /// Number of contacts.
+    /// Number of contacts with skull and eyeballs.
     pub(crate) fn len(&self) -> usize {
-        self.contacts.skull.len() + self.contacts.eyes.len() + self.contacts.lips.len()
+        self.contacts.skull.len() + self.contacts.eyes.len()
     }
 
     /// The gap of contact `c`.
     #[inline]
     pub(crate) fn gap(&self, c: usize, x: &[V3]) -> Gap {
-        let (skull, eyes) = (self.contacts.skull.len(), self.contacts.eyes.len());
+        let skull = self.contacts.skull.len();
         if c < skull {
             let s = &self.contacts.skull[c];
             let frame = &self.frames[c];
@@ -92,7 +117,7 @@ impl PosedContacts<'_> {
                 value: (gap - s.offset) * s.cosine,
                 gradient: scale(rotate(&frame.rotation, gradient), s.cosine),
             }
-        } else if c < skull + eyes {
+        } else {
             let s = &self.contacts.eyes[c - skull];
             let away = sub(x[s.node as usize], self.eyes[s.eye as usize]);
             let distance = norm(away).max(1e-9);
@@ -100,70 +125,52 @@ impl PosedContacts<'_> {
                 value: distance - s.distance,
                 gradient: scale(away, 1.0 / distance),
             }
-        } else {
-            let s = &self.contacts.lips[c - skull - eyes];
-            let direction = self.directions[c - skull - eyes];
-            let below = (0..3).fold([0.0; 3], |sum, k| {
-                add_scaled(sum, x[s.corners[k] as usize], s.weights[k])
-            });
-            Gap {
-                value: dot(sub(x[s.node as usize], below), direction) - s.offset,
-                gradient: direction,
-            }
         }
     }
 
-    /// Calls `f(node, share)` for the nodes that move contact `c`: the node with share 1, corners with minus their weight.
-    #[inline]
-    pub(crate) fn nodes(&self, c: usize, mut f: impl FnMut(u32, f64)) {
-        let (skull, eyes) = (self.contacts.skull.len(), self.contacts.eyes.len());
-        if c < skull {
-            f(self.contacts.skull[c].node, 1.0);
-        } else if c < skull + eyes {
-            f(self.contacts.eyes[c - skull].node, 1.0);
-        } else {
-            let s = &self.contacts.lips[c - skull - eyes];
-            f(s.node, 1.0);
-            for k in 0..3 {
-                f(s.corners[k], -s.weights[k]);
-            }
-        }
+    /// Overlap of a lip contact, mm, negative where the lips are apart.
+    fn overlap(&self, c: usize, x: &[V3]) -> f64 {
+        let s = &self.contacts.lips[c];
+        let [a, b] = s.below.map(|i| x[i as usize]);
+        let below = add_scaled(scale(a, s.weights[0]), b, s.weights[1]);
+        s.offset - dot(sub(x[s.node as usize], below), self.directions[c])
     }
 
-    /// Adds the augmented Lagrangian's gradient to `gradient` and returns its value:
-    /// `sum (max(0, lambda - k gap)^2 - lambda^2) / 2k`.
-    pub(crate) fn energy(
-        &self,
-        x: &[V3],
-        stiffness: f64,
-        multipliers: &[f64],
-        gradient: &mut [V3],
-    ) -> f64 {
+    /// Energy of the lips' overlap; adds its gradient.
+    pub(crate) fn lip_energy(&self, x: &[V3], gradient: &mut [V3]) -> f64 {
         let mut energy = 0.0;
-        for (c, &lambda) in multipliers.iter().enumerate() {
-            let gap = self.gap(c, x);
-            let push = lambda - stiffness * gap.value;
-            energy -= lambda * lambda;
-            if push > 0.0 {
-                energy += push * push;
-                self.nodes(c, |node, share| {
-                    let i = node as usize;
-                    gradient[i] = add_scaled(gradient[i], gap.gradient, -push * share);
-                });
+        for (c, s) in self.contacts.lips.iter().enumerate() {
+            let overlap = self.overlap(c, x);
+            if overlap > 0.0 {
+                energy += LIP_STIFFNESS * overlap * overlap;
+                let push = scale(self.directions[c], LIP_STIFFNESS * overlap);
+                let i = s.node as usize;
+                gradient[i] = sub(gradient[i], push);
+                for (&i, w) in s.below.iter().zip(s.weights) {
+                    gradient[i as usize] = add_scaled(gradient[i as usize], push, w);
+                }
             }
         }
-        energy / (2.0 * stiffness)
+        0.5 * energy
     }
 
-    /// Moves the multipliers to the contact forces at `x` and returns the largest penetration, mm.
-    pub(crate) fn update(&self, x: &[V3], stiffness: f64, multipliers: &mut [f64]) -> f64 {
-        let mut deepest = 0.0f64;
-        for (c, lambda) in multipliers.iter_mut().enumerate() {
-            let gap = self.gap(c, x).value;
-            deepest = deepest.max(-gap);
-            *lambda = (*lambda - stiffness * gap).max(0.0);
+    /// Calls `f(node, stiffness)` for the nodes of lips that press.
+    pub(crate) fn lip_stiffness(&self, x: &[V3], mut f: impl FnMut(u32, f64)) {
+        for (c, s) in self.contacts.lips.iter().enumerate() {
+            if self.overlap(c, x) > 0.0 {
+                f(s.node, LIP_STIFFNESS);
+                for (&i, w) in s.below.iter().zip(s.weights) {
+                    f(i, LIP_STIFFNESS * w * w);
+                }
+            }
         }
-        deepest
+    }
+
+    /// Largest overlap of the lips, mm.
+    pub(crate) fn lip_overlap(&self, x: &[V3]) -> f64 {
+        (0..self.contacts.lips.len())
+            .map(|c| self.overlap(c, x))
+            .fold(0.0, f64::max)
     }
 
     /// Largest penetration, mm.
@@ -173,58 +180,92 @@ impl PosedContacts<'_> {
             .fold(0.0, f64::max)
     }
 
-    /// Puts nodes back onto the surfaces they fell through and takes away their inward velocity. `free`: which nodes move.
-    pub(crate) fn project(&self, x: &mut [V3], velocity: &mut [V3], free: &[bool]) {
+    /// The node of a contact with skull or eyeball.
+    #[inline]
+    pub(crate) fn node(&self, c: usize) -> usize {
+        let skull = self.contacts.skull.len();
+        if c < skull {
+            self.contacts.skull[c].node as usize
+        } else {
+            self.contacts.eyes[c - skull].node as usize
+        }
+    }
+
+    /// Finds the nodes that rest on skull or eyeball: those that touch and that the `gradient` pushes in. Writes their
+    /// normals, zero for the others.
+    pub(crate) fn resting(
+        &self,
+        x: &[V3],
+        gradient: &[V3],
+        clearance: &Clearance,
+        normals: &mut [V3],
+    ) {
+        normals.fill([0.0; 3]);
+        for c in 0..self.len() {
+            let node = self.node(c);
+            if clearance.holds(c, x[node]) {
+                continue;
+            }
+            let gap = self.gap(c, x);
+            if gap.value <= TOUCH_MM && dot(gradient[node], gap.gradient) > 0.0 {
+                normals[node] = unit(gap.gradient);
+            }
+        }
+    }
+
+    /// Puts nodes onto skull and eyeballs: those that rest there already, and those that are below.
+    pub(crate) fn settle(&self, x: &mut [V3], normals: &[V3], clearance: &mut Clearance) {
+        clearance.0.resize(self.len(), ([0.0; 3], 0.0));
+        for c in 0..self.len() {
+            let node = self.node(c);
+            let rests = normals[node] != [0.0; 3];
+            if !rests && clearance.holds(c, x[node]) {
+                continue;
+            }
+            clearance.0[c].1 = 0.0;
+            for _ in 0..4 {
+                let gap = self.gap(c, x);
+                if gap.value > 0.0 && !rests {
+                    clearance.0[c] = (x[node], gap.value - TOUCH_MM);
+                    break;
+                }
+                if gap.value.abs() < EXACT_MM {
+                    break;
+                }
+                let back = -gap.value / dot(gap.gradient, gap.gradient);
+                x[node] = add_scaled(x[node], gap.gradient, back);
+            }
+        }
+    }
+
+    /// Puts nodes back onto the surfaces they fell through and takes away their inward velocity.
+    pub(crate) fn project(&self, x: &mut [V3], velocity: &mut [V3]) {
         for c in 0..self.len() {
             let gap = self.gap(c, x);
             if gap.value > 0.0 {
                 continue;
             }
-            let (mut weight, mut speed) = (0.0, 0.0);
+            let node = self.node(c);
             let square = dot(gap.gradient, gap.gradient);
-            self.nodes(c, |node, share| {
-                if free[node as usize] {
-                    weight += share * share * square;
-                    speed += share * dot(velocity[node as usize], gap.gradient);
-                }
-            });
-            if weight < 1e-12 {
-                continue;
-            }
-            let (back, slow) = (-gap.value / weight, (-speed).max(0.0) / weight);
-            self.nodes(c, |node, share| {
-                let i = node as usize;
-                if free[i] {
-                    x[i] = add_scaled(x[i], gap.gradient, back * share);
-                    velocity[i] = add_scaled(velocity[i], gap.gradient, slow * share);
-                }
-            });
+            let inward = dot(velocity[node], gap.gradient).min(0.0);
+            x[node] = add_scaled(x[node], gap.gradient, -gap.value / square);
+            velocity[node] = add_scaled(velocity[node], gap.gradient, -inward / square);
         }
     }
 
     /// Takes the part of `gradient` that contact forces balance out of it, in place: for nodes within `touch` mm of a
     /// surface, the part that pushes them inward.
-    pub(crate) fn balance(&self, x: &[V3], touch: f64, gradient: &mut [V3], free: &[bool]) {
+    pub(crate) fn balance(&self, x: &[V3], touch: f64, gradient: &mut [V3]) {
         for c in 0..self.len() {
             let gap = self.gap(c, x);
             if gap.value > touch {
                 continue;
             }
-            let (mut weight, mut push) = (0.0, 0.0);
-            let square = dot(gap.gradient, gap.gradient);
-            self.nodes(c, |node, share| {
-                if free[node as usize] {
-                    weight += share * share * square;
-                    push += share * dot(gradient[node as usize], gap.gradient);
-                }
-            });
-            if push > 0.0 && weight > 1e-12 {
-                self.nodes(c, |node, share| {
-                    let i = node as usize;
-                    if free[i] {
-                        gradient[i] = add_scaled(gradient[i], gap.gradient, -push / weight * share);
-                    }
-                });
+            let node = self.node(c);
+            let push = dot(gradient[node], gap.gradient);
+            if push > 0.0 {
+                let square = dot(gap.gradient, gap.gradient);
+                gradient[node] = add_scaled(gradient[node], gap.gradient, -push / square);
             }
         }
     }

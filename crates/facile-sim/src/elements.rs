@@ -5,12 +5,21 @@
 //! `o_i` that turn with jaw and lids. Volume: `(kappa / 2)(V - V_0)^2` with `V = N . h`, `N` the area vector of the
 //! triangle half-way between the layers and `h` the mean offset of skin from fascia; `kappa = 3 k_v / A_0`. At rest it
 //! equals eq. 13, but it has no net force or torque, and pushes the fascia down where eq. 13 as printed pushes it up.
+//! Below a share of the volume at rest it stiffens with the cube of what is missing, so that flesh is not turned inside
+//! out where muscles squeeze it to nothing. The sums over all prisms are in `kernels`.
 
 use crate::params::PaperParams;
-use crate::vector::{M3, V3, ZERO, add, add_scaled, cross, dot, norm, rotate, scale, sub};
+use crate::simd::{LANES, Lanes, lanes};
+use crate::vector::{M3, V3, ZERO, add, cross, dot, norm, rotate, scale, sub};
 
 /// Areas below this share of the mean count as that share in `kappa`.
 const MIN_AREA_SHARE: f64 = 0.05;
+/// Share of the volume at rest below which a prism stiffens.
+const SQUEEZED_SHARE: f64 = 0.4;
+/// How much: the energy `kappa / 2 (V - V_0)^2` grows by `SQUEEZE kappa / (3 V_0) (share V_0 - V)^3`.
+const SQUEEZE: f64 = 60.0;
+/// How many times stiffer than at rest a prism of no volume is.
+pub(crate) const MOST_STIFFENING: f64 = 1.0 + 2.0 * SQUEEZE * SQUEEZED_SHARE;
 
 /// Prisms at rest.
 #[derive(Clone, Debug, Default)]
@@ -25,6 +34,65 @@ pub(crate) struct Elements {
     pub(crate) volume: Vec<f64>,
     /// `k_s`.
     pub(crate) shape_stiffness: f64,
+    /// The same prisms by fours, for the kernel.
+    pub(crate) groups: Vec<PrismGroup>,
+}
+
+/// Four prisms, one per lane. The last group is filled up with prisms that weigh nothing.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct PrismGroup {
+    pub(crate) nodes: [[u32; LANES]; 6],
+    /// `k_s`.
+    pub(crate) shape: Lanes,
+    kappa: Lanes,
+    volume: Lanes,
+    /// Sign of the volume at rest.
+    sign: Lanes,
+    /// Volume below which the prism stiffens, and how much.
+    squeezed: Lanes,
+    squeeze: Lanes,
+}
+
+impl PrismGroup {
+    /// Energy of these volumes, and its derivative.
+    #[inline(always)]
+    pub(crate) fn pressure(&self, volume: &Lanes) -> (Lanes, Lanes) {
+        let stretch = lanes(|l| volume[l] - self.volume[l]);
+        let missing = lanes(|l| {
+            let m = self.squeezed[l] - self.sign[l] * volume[l];
+            if m > 0.0 { m } else { 0.0 }
+        });
+        let push = lanes(|l| self.squeeze[l] * missing[l] * missing[l]);
+        let elastic = lanes(|l| self.kappa[l] * stretch[l]);
+        let energy = lanes(|l| 0.5 * elastic[l] * stretch[l] + push[l] * missing[l] * (1.0 / 3.0));
+        (energy, lanes(|l| elastic[l] - self.sign[l] * push[l]))
+    }
+
+    /// Second derivative of the energy by the volume.
+    pub(crate) fn stiffening(&self, lane: usize, volume: f64) -> f64 {
+        let missing = (self.squeezed[lane] - self.sign[lane] * volume).max(0.0);
+        self.kappa[lane] + 2.0 * self.squeeze[lane] * missing
+    }
+
+    fn put(
+        &mut self,
+        lane: usize,
+        nodes: &[u32; 6],
+        shape: f64,
+        kappa: f64,
+        volume: f64,
+        floor: f64,
+    ) {
+        for (k, &node) in nodes.iter().enumerate() {
+            self.nodes[k][lane] = node;
+        }
+        self.shape[lane] = shape;
+        self.kappa[lane] = kappa;
+        self.volume[lane] = volume;
+        self.sign[lane] = 1f64.copysign(volume);
+        self.squeezed[lane] = SQUEEZED_SHARE * volume.abs();
+        self.squeeze[lane] = SQUEEZE * kappa / volume.abs().max(floor);
+    }
 }
 
 impl Elements {
@@ -52,44 +120,38 @@ impl Elements {
             .iter()
             .map(|a| 3.0 * params.volume_stiffness / a.max(floor))
             .collect();
+        let size = out.volume.iter().map(|v| v.abs()).sum::<f64>() / areas.len().max(1) as f64;
+        let floor = (MIN_AREA_SHARE * size).max(1e-9);
+        out.groups = vec![PrismGroup::default(); out.nodes.len().div_ceil(LANES)];
+        for (e, nodes) in out.nodes.iter().enumerate() {
+            let (kappa, volume) = (out.kappa[e], out.volume[e]);
+            let group = &mut out.groups[e / LANES];
+            group.put(
+                e % LANES,
+                nodes,
+                params.shape_stiffness,
+                kappa,
+                volume,
+                floor,
+            );
+        }
         out
     }
 
-    /// Offsets turned with what lies under each prism.
-    pub(crate) fn turned(&self, rotation: impl Fn(usize) -> M3) -> Vec<[V3; 6]> {
-        self.offsets
-            .iter()
-            .enumerate()
-            .map(|(e, offsets)| {
-                let r = rotation(e);
-                offsets.map(|o| rotate(&r, o))
-            })
-            .collect()
-    }
-
-    /// Adds the energy's gradient to `gradient` and returns the energy. `offsets` as [`Self::turned`] gives them.
-    pub(crate) fn energy(&self, x: &[V3], offsets: &[[V3; 6]], gradient: &mut [V3]) -> f64 {
-        let ks = self.shape_stiffness;
-        let mut shape = 0.0;
-        let mut volume = 0.0;
-        for (e, nodes) in self.nodes.iter().enumerate() {
-            let p = nodes.map(|i| x[i as usize]);
-            let center = center(&p);
-            let v = Volume::of(&p);
-            let stretch = v.value - self.volume[e];
-            let pressure = self.kappa[e] * stretch;
-            volume += pressure * stretch;
-            let slopes = v.gradient();
-            for k in 0..6 {
-                // The six residuals sum to zero, so the centre adds nothing to the gradient.
-                let residual = sub(sub(p[k], center), offsets[e][k]);
-                shape += dot(residual, residual);
-                let force = add_scaled(scale(residual, ks), slopes[k], pressure);
-                let i = nodes[k] as usize;
-                gradient[i] = add(gradient[i], force);
+    /// Offsets turned with what lies under each prism, by groups of four.
+    pub(crate) fn turned(&self, rotation: impl Fn(usize) -> M3) -> Vec<[[Lanes; 3]; 6]> {
+        let mut out = vec![[[[0.0; LANES]; 3]; 6]; self.groups.len()];
+        for (e, offsets) in self.offsets.iter().enumerate() {
+            let r = rotation(e);
+            let group = &mut out[e / LANES];
+            for (k, o) in offsets.iter().enumerate() {
+                let turned = rotate(&r, *o);
+                for c in 0..3 {
+                    group[k][c][e % LANES] = turned[c];
+                }
             }
         }
-        0.5 * (ks * shape + volume)
+        out
     }
 
     /// Number of prisms that are turned inside out.
@@ -156,7 +218,20 @@ impl Volume {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::kernels::Prisms;
+    use crate::simd::dispatch;
     use crate::vector::IDENTITY;
+
+    fn energy(elements: &Elements, x: &[V3], r: M3, gradient: &mut [V3]) -> f64 {
+        let offsets = elements.turned(|_| r);
+        gradient.fill(ZERO);
+        dispatch(Prisms {
+            groups: &elements.groups,
+            offsets: &offsets,
+            x,
+            gradient,
+        })
+    }
 
     fn prism() -> (Elements, Vec<V3>) {
         let rest = vec![
@@ -189,20 +264,19 @@ mod tests {
     #[test]
     fn the_gradient_is_that_of_the_energy_and_has_no_net_force_or_torque() {
         let (elements, rest) = prism();
-        let offsets = elements.turned(|_| IDENTITY);
         let mut x = rest;
         for (k, p) in x.iter_mut().enumerate() {
             let t = k as f64;
             *p = add(*p, [0.3 * libm::sin(t), 0.2 * libm::cos(3.0 * t), 0.1 * t]);
         }
         let mut gradient = vec![ZERO; 6];
-        elements.energy(&x, &offsets, &mut gradient);
+        energy(&elements, &x, IDENTITY, &mut gradient);
         for i in 0..6 {
             for k in 0..3 {
                 let at = |d: f64| {
                     let mut y = x.clone();
                     y[i][k] += d;
-                    elements.energy(&y, &offsets, &mut [ZERO; 6])
+                    energy(&elements, &y, IDENTITY, &mut [ZERO; 6])
                 };
                 let slope = (at(1e-5) - at(-1e-5)) / 2e-5;
                 assert!((slope - gradient[i][k]).abs() < 1e-6 * (1.0 + slope.abs()));
@@ -243,7 +317,7 @@ mod tests {
         let r = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]];
         let x: Vec<V3> = rest.iter().map(|p| rotate(&r, *p)).collect();
         let mut gradient = vec![ZERO; 6];
-        let energy = elements.energy(&x, &elements.turned(|_| r), &mut gradient);
+        let energy = energy(&elements, &x, r, &mut gradient);
         assert!(energy < 1e-24);
         assert_eq!(elements.inverted(&x), 0);
         let flat: Vec<V3> = rest.iter().map(|p| [p[0], p[1], -p[2]]).collect();

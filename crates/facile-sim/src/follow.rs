@@ -9,6 +9,7 @@ use facile_core::subdivision::Stencils;
 use facile_core::{Point3, ReferenceHead};
 
 use crate::SimError;
+use crate::simd::Lanes;
 use crate::sparse::{Factor, Pattern};
 use crate::vector::{V3, ZERO, add_scaled, from_point, norm, sub, to_vector};
 
@@ -23,7 +24,7 @@ pub(crate) struct Follow {
     /// For each of them, neighbours that are not passive and their weights.
     rim: Vec<Vec<(u32, f64)>>,
     pattern: Pattern,
-    matrix: Vec<f64>,
+    factor: Factor<Lanes>,
     stencils: Stencils,
 }
 
@@ -74,41 +75,34 @@ impl Follow {
                 *diagonal = 1.0;
             }
         }
+        let mut factor = Factor::new(&pattern);
+        factor.refactor_one(&pattern, "inner mouth", &matrix)?;
         Ok(Self {
             passive,
             rim,
             pattern,
-            matrix,
+            factor,
             stencils: reference.subdivision.stencils.clone(),
         })
-    }
-
-    /// Work space for [`Self::complete`].
-    pub(crate) fn factor(&self) -> Result<Factor, SimError> {
-        let mut factor = Factor::new(&self.pattern, 3);
-        factor.refactor(&self.pattern, "inner mouth", &self.matrix)?;
-        Ok(factor)
     }
 
     /// Fills in the displacements of passive vertices.
     ///
     /// `displacement`: of all cage vertices, mm, passive ones not yet known. `carried`: displacement of every vertex by
     /// skull, jaw and lids alone.
-    pub(crate) fn complete(&self, factor: &mut Factor, displacement: &mut [V3], carried: &[V3]) {
-        let n = self.passive.len();
-        let mut sides = vec![0.0; 3 * n];
-        for (i, rim) in self.rim.iter().enumerate() {
-            let pull = rim.iter().fold(ZERO, |s, &(v, w)| {
-                add_scaled(s, sub(displacement[v as usize], carried[v as usize]), w)
-            });
-            for k in 0..3 {
-                sides[k * n + i] = pull[k];
-            }
-        }
-        factor.solve(&self.pattern, &mut sides);
-        for (i, &v) in self.passive.iter().enumerate() {
-            let own = [sides[i], sides[n + i], sides[2 * n + i]];
-            displacement[v as usize] = add_scaled(carried[v as usize], own, 1.0);
+    pub(crate) fn complete(&self, displacement: &mut [V3], carried: &[V3]) {
+        let mut sides: Vec<V3> = self
+            .rim
+            .iter()
+            .map(|rim| {
+                rim.iter().fold(ZERO, |s, &(v, w)| {
+                    add_scaled(s, sub(displacement[v as usize], carried[v as usize]), w)
+                })
+            })
+            .collect();
+        self.factor.solve(&self.pattern, &mut sides);
+        for (own, &v) in sides.iter().zip(&self.passive) {
+            displacement[v as usize] = add_scaled(carried[v as usize], *own, 1.0);
         }
     }
 

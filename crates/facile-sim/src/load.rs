@@ -1,25 +1,30 @@
 //! A model in a pose: springs changed by muscles, skull and jaw in place, everything the solvers' energy needs.
 //!
-//! The total energy is that of springs, zero-length attachments, shape and volume; contact is apart, see `contact`.
+//! The total energy is that of springs, zero-length attachments, shape, volume and the lips' overlap; skull and eyeballs
+//! bound it, see `contact`.
 //! Its gradient is the left side of eq. 11 at rest: the residual of the equilibrium.
 
 use crate::SimError;
 use crate::contact::PosedContacts;
+use crate::kernels::{EdgeSprings, Prisms};
 use crate::kinematics::Rigid;
 use crate::lids::LidPose;
 use crate::model::FaceModel;
 use crate::muscle::{LidDrive, Side};
 use crate::pose::Pose;
+use crate::simd::{Lanes, dispatch};
+use crate::springs::FASCIA;
 use crate::vector::{V3, add_scaled, dot, norm, rotate, sub};
 
 /// A posed model.
 #[derive(Debug)]
 pub(crate) struct Load<'a> {
     pub(crate) model: &'a FaceModel,
-    pub(crate) stiffness: Vec<f64>,
-    pub(crate) rest_length: Vec<f64>,
+    /// Springs along edges, see [`crate::springs::Springs`].
+    pub(crate) stiffness: Vec<Lanes>,
+    pub(crate) rest_length: Vec<Lanes>,
     /// Rest offsets of the prisms, turned.
-    pub(crate) offsets: Vec<[V3; 6]>,
+    pub(crate) offsets: Vec<[[Lanes; 3]; 6]>,
     /// Attachment springs of each node's fascia: stiffness and place on the skull.
     pub(crate) attachment: Vec<f64>,
     pub(crate) anchors: Vec<V3>,
@@ -58,7 +63,7 @@ impl<'a> Load<'a> {
                 .contacts
                 .lips
                 .iter()
-                .map(|l| rotate(&motion_of.element_rotation(l.cage), l.direction))
+                .map(|l| rotate(&motion_of.element_rotation(l.cage), [0.0, 1.0, 0.0]))
                 .collect(),
         };
         let offsets = model.elements.turned(|e| {
@@ -111,8 +116,8 @@ impl<'a> Load<'a> {
         }
         for (edge, [weighted, total, strongest]) in lengths.into_iter().enumerate() {
             if total > 0.0 {
-                self.rest_length[edge] = weighted / total;
-                self.stiffness[edge] *= params.gain(strongest);
+                self.rest_length[edge][FASCIA] = weighted / total;
+                self.stiffness[edge][FASCIA] *= params.gain(strongest);
             }
         }
         for (node, c) in hold.into_iter().enumerate() {
@@ -125,22 +130,44 @@ impl<'a> Load<'a> {
         }
     }
 
-    /// The energy without contact; `gradient` (one entry per node) receives its gradient.
+    /// The energy without contact with skull and eyeballs; `gradient` (one entry per node) receives its gradient.
     pub(crate) fn energy(&self, x: &[V3], gradient: &mut [V3]) -> f64 {
         gradient.fill([0.0; 3]);
-        let ends = &self.model.springs.ends;
-        let springs = spring_energy(ends, &self.stiffness, &self.rest_length, x, gradient);
-        let attachments = self.attachment_energy(x, gradient);
-        springs + attachments + self.model.elements.energy(x, &self.offsets, gradient)
+        let edges = dispatch(EdgeSprings {
+            edges: &self.model.template.edges,
+            stiffness: &self.stiffness,
+            rest_length: &self.rest_length,
+            x,
+            gradient,
+        });
+        let prisms = dispatch(Prisms {
+            groups: &self.model.elements.groups,
+            offsets: &self.offsets,
+            x,
+            gradient,
+        });
+        let lips = self.contacts.lip_energy(x, gradient);
+        edges + prisms + self.column_energy(x, gradient) + lips
     }
 
-    fn attachment_energy(&self, x: &[V3], gradient: &mut [V3]) -> f64 {
+    /// Springs between the skin and the fascia below it, and between fascia and skull.
+    fn column_energy(&self, x: &[V3], gradient: &mut [V3]) -> f64 {
         let n = self.attachment.len();
+        let springs = &self.model.springs;
         let mut energy = 0.0;
-        for (i, (&k, anchor)) in self.attachment.iter().zip(&self.anchors).enumerate() {
-            let d = sub(x[n + i], *anchor);
-            energy += k * dot(d, d);
-            gradient[n + i] = add_scaled(gradient[n + i], d, k);
+        for i in 0..n {
+            let d = sub(x[i], x[n + i]);
+            let length = norm(d);
+            let stretch = length - springs.vertical_length[i];
+            let force = springs.vertical_stiffness * stretch;
+            // A spring of no length has no direction: its force is left out.
+            let pull = if length > 1e-9 { force / length } else { 0.0 };
+            let hold = sub(x[n + i], self.anchors[i]);
+            let k = self.attachment[i];
+            energy += force * stretch + k * dot(hold, hold);
+            gradient[i] = add_scaled(gradient[i], d, pull);
+            let below = add_scaled(gradient[n + i], d, -pull);
+            gradient[n + i] = add_scaled(below, hold, k);
         }
         0.5 * energy
     }
@@ -167,43 +194,82 @@ fn lid_poses(model: &FaceModel, pose: &Pose) -> [LidPose; 2] {
     })
 }
 
-/// Energy `sum k (|x_a - x_b| - l)^2 / 2` of springs; adds its gradient.
-pub(crate) fn spring_energy(
-    ends: &[[u32; 2]],
-    stiffness: &[f64],
-    rest_length: &[f64],
-    x: &[V3],
-    gradient: &mut [V3],
-) -> f64 {
-    let mut energy = 0.0;
-    for ((&[a, b], &k), &l0) in ends.iter().zip(stiffness).zip(rest_length) {
-        let d = sub(x[a as usize], x[b as usize]);
-        let length = dot(d, d).sqrt();
-        let stretch = length - l0;
-        energy += k * stretch * stretch;
-        // A spring of no length has no direction: its force is left out.
-        let pull = if length > 1e-9 {
-            k * stretch / length
-        } else {
-            0.0
-        };
-        gradient[a as usize] = add_scaled(gradient[a as usize], d, pull);
-        gradient[b as usize] = add_scaled(gradient[b as usize], d, -pull);
-    }
-    0.5 * energy
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{FaceRig, MuscleSet};
+    use facile_core::ReferenceHead;
+
+    /// Numbers in `[-1, 1]` without a pattern.
+    fn noise(k: usize) -> f64 {
+        libm::sin(12.9898 * k as f64 + 0.3 * libm::sin(78.233 * k as f64))
+    }
 
     #[test]
-    fn a_spring_between_two_nodes_pulls_along_itself() {
-        // Two nodes 3 mm apart, rest length 2, stiffness 5: energy 2.5, force 5 towards each other.
-        let x = [[1.0, 2.0, 3.0], [1.0, 2.0, 6.0]];
-        let mut gradient = [[0.0; 3]; 2];
-        let energy = spring_energy(&[[0, 1]], &[5.0], &[2.0], &x, &mut gradient);
-        assert!((energy - 2.5).abs() < 1e-12);
-        assert_eq!(gradient, [[0.0, 0.0, -5.0], [0.0, 0.0, 5.0]]);
+    fn the_gradient_of_the_whole_system_is_that_of_its_energy() {
+        let reference = ReferenceHead::embedded();
+        let muscles = MuscleSet::embedded();
+        let rig = FaceRig::new(reference, muscles).expect("built in");
+        let model = rig
+            .model(reference, &crate::mean_subject(reference))
+            .expect("the mean head");
+        let mut pose = Pose::default();
+        for (key, c) in [
+            ("zygomatic_major", 0.8),
+            ("orbicularis_oris", 0.7),
+            ("frontalis", 0.4),
+        ] {
+            pose.set(muscles, key, c).expect("known");
+        }
+        pose.jaw.open_rad = 0.1;
+        let load = Load::new(&model, &pose).expect("valid");
+        // Noise of a millimetre; the upper lip is pressed through the lower one and some prisms are turned inside out.
+        let mut x = load.carried.clone();
+        for (i, p) in x.iter_mut().enumerate() {
+            *p = [0, 1, 2].map(|k| p[k] + noise(3 * i + k));
+        }
+        for lip in &model.contacts.lips {
+            x[lip.node as usize][1] -= 4.0;
+        }
+        assert!(model.elements.inverted(&x) > 0 && load.contacts.lip_overlap(&x) > 1.0);
+        let mut gradient = vec![[0.0; 3]; x.len()];
+        load.energy(&x, &mut gradient);
+        let mut scratch = gradient.clone();
+        let step = 1e-5;
+        for trial in 0..8 {
+            // All nodes along a random direction, then fewer and fewer of them.
+            let every = 1 << trial;
+            let direction: Vec<V3> = (0..x.len())
+                .map(|i| {
+                    let on = f64::from(u8::from(i % every == 0));
+                    [0, 1, 2].map(|k| on * noise(7 * i + 31 * k + trial + 5))
+                })
+                .collect();
+            let slope: f64 = gradient
+                .iter()
+                .zip(&direction)
+                .map(|(g, d)| dot(*g, *d))
+                .sum();
+            let mut at = |t: f64| {
+                let y: Vec<V3> = x
+                    .iter()
+                    .zip(&direction)
+                    .map(|(p, d)| add_scaled(*p, *d, t))
+                    .collect();
+                load.energy(&y, &mut scratch)
+            };
+            // Fourth order in the step.
+            let measured =
+                (8.0 * (at(step) - at(-step)) - (at(2.0 * step) - at(-2.0 * step))) / (12.0 * step);
+            let size: f64 = gradient
+                .iter()
+                .zip(&direction)
+                .map(|(g, d)| dot(*g, *d).abs())
+                .sum();
+            assert!(
+                (slope - measured).abs() < 1e-8 * size,
+                "every {every}: {slope} {measured}"
+            );
+        }
     }
 }

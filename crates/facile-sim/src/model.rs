@@ -10,7 +10,7 @@ use facile_core::reference::Role;
 use facile_core::{Isometry3, Point3, ReferenceHead, Subject};
 
 use crate::SimError;
-use crate::contact::{Contacts, EyeContact, SkullContact};
+use crate::contact::{Contacts, EyeContact, LipContact, SkullContact};
 use crate::elements::Elements;
 use crate::follow::Follow;
 use crate::kinematics::{Hinges, hinge_axis};
@@ -120,7 +120,7 @@ impl FaceRig {
         rest.extend(&layers.fascia);
         let params = PaperParams::default();
         let hinges = hinges(reference, subject, template, &cage)?;
-        let field = HeightField::fit(&template.triangles, &layers)?;
+        let field = template.skull.fit(&template.triangles, &layers)?;
         let contacts = contacts(reference, template, &layers, &field, &hinges, subject);
         let bound = template
             .actuators
@@ -280,6 +280,35 @@ fn contacts(
                 });
             }
         }
+    }
+    out.lips = lips(reference, template, &layers.skin);
+    out
+}
+
+/// Pairs the nodes of the upper lip's rim with places on the lower one's. Which lip a node belongs to follows from the jaw.
+fn lips(reference: &ReferenceHead, template: &Template, skin: &[V3]) -> Vec<LipContact> {
+    let at = |i: &u32| skin[*i as usize];
+    let on_jaw = |i: &u32| reference.cage.jaw[template.cage_of_node[*i as usize] as usize] > 0.5;
+    let (mut lower, upper): (Vec<u32>, Vec<u32>) =
+        template.margins.lips.iter().partition(|i| on_jaw(i));
+    lower.sort_by(|a, b| at(a)[0].total_cmp(&at(b)[0]));
+    let mut out = Vec::new();
+    for node in upper {
+        let x = at(&node)[0];
+        let k = lower.partition_point(|i| at(i)[0] <= x);
+        // Beyond the corners of the lower lip there is nothing to touch.
+        let Some([a, b]) = k.checked_sub(1).and_then(|k| lower.get(k..k + 2)) else {
+            continue;
+        };
+        let t = ((x - at(a)[0]) / (at(b)[0] - at(a)[0]).max(1e-9)).clamp(0.0, 1.0);
+        let height = (1.0 - t) * at(a)[1] + t * at(b)[1];
+        out.push(LipContact {
+            node,
+            below: [*a, *b],
+            weights: [1.0 - t, t],
+            offset: (at(&node)[1] - height).min(0.0),
+            cage: [node, *a, *b].map(|i| template.cage_of_node[i as usize]),
+        });
     }
     out
 }

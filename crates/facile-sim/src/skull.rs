@@ -1,30 +1,48 @@
-//! The skull as a smooth height field on the cylinder: radius over `(h, phi)`, a bicubic B-spline.
+//! The skull as a smooth height field on the cylinder: radius over height and angle, a bicubic B-spline.
 //!
 //! Section 4.3.2 projects the skull onto the cylinder and checks fascia against it. A B-spline is twice continuously
-//! differentiable, so that contact has no steps for a solver to stumble over. One field holds both pieces: each node
-//! meets it in the frame of the piece below it, skull or jaw or the blend of both, see `kinematics`.
+//! differentiable, so that contact has no steps for a solver to stumble over. Its second coordinate is `sin(phi / 2)`
+//! rather than `phi`: nearly the same over the face, and two square roots instead of an arc tangent. One field holds
+//! both pieces: each node meets it in the frame of the piece below it, skull or jaw or the blend of both, see
+//! `kinematics`.
 
 use crate::SimError;
 use crate::layers::{Layers, area_vector};
+use crate::simd::Lanes;
 use crate::sparse::{Factor, Pattern};
 use crate::vector::{V3, add, norm, scale};
 
-/// Distance of the knots in height, mm.
+/// Distance of the knots in height on the reference head, mm.
 const KNOT_H_MM: f64 = 5.0;
-/// Distance of the knots in angle, rad.
-const KNOT_PHI: f64 = 0.065;
+/// Distance of the knots in `sin(phi / 2)`; at the nose 0.065 rad.
+const KNOT_SIDE: f64 = 0.0325;
 /// Weight of the bending energy against the squared distances, per sample.
 const SMOOTHING: f64 = 2e-3;
 /// Surface that faces the axis at less than this cosine does not shape the field.
 const MIN_FACING: f64 = 0.2;
+/// Largest angle with knots, rad.
+const MAX_PHI: f64 = 2.2;
+/// Entries of a row of the matrix that come at or after its diagonal: 4 rows of knots, 7 columns.
+const NEAR: usize = 28;
 
-/// Radius over height and angle.
+/// The knots, the same for all subjects, and the system that fits a field to a subject.
+#[derive(Debug)]
+pub(crate) struct SkullGrid {
+    rows: usize,
+    columns: usize,
+    pattern: Pattern,
+    /// For each knot, the slots of the pairs with knots up to 3 rows above and 3 columns to either side.
+    slots: Vec<[u32; NEAR]>,
+}
+
+/// Radius over height and side.
 #[derive(Clone, Debug)]
 pub(crate) struct HeightField {
     h0: f64,
-    phi0: f64,
-    rows: usize,
+    per_h: f64,
+    side0: f64,
     columns: usize,
+    rows: usize,
     coefficients: Vec<f64>,
 }
 
@@ -35,38 +53,146 @@ pub(crate) struct Height {
     pub(crate) radius: f64,
     /// Slope over height.
     pub(crate) over_h: f64,
-    /// Slope over angle, mm per rad.
-    pub(crate) over_phi: f64,
+    /// Slope over `sin(phi / 2)`, mm.
+    pub(crate) over_side: f64,
 }
 
-impl HeightField {
-    /// Fits the fascia at rest, by area-weighted least squares with a little bending energy.
-    pub(crate) fn fit(triangles: &[[u32; 3]], layers: &Layers) -> Result<Self, SimError> {
-        let (mut low, mut high, mut side) = (f64::INFINITY, f64::NEG_INFINITY, 0.5f64);
-        for p in &layers.fascia {
-            low = low.min(p[1]);
-            high = high.max(p[1]);
-            side = side.max(libm::atan2(p[0], p[2]).abs());
+/// A point's radius, `sin(phi / 2)` and `cos(phi / 2)`.
+#[inline(always)]
+fn cylindrical(p: V3) -> (f64, f64, f64) {
+    let radius = (p[0] * p[0] + p[2] * p[2]).sqrt().max(1.0);
+    // Behind the head the angle has no sign; no knots are there.
+    let cos = (0.5 * (1.0 + p[2] / radius)).max(1e-4).sqrt();
+    (radius, (0.5 * p[0] / (radius * cos)).clamp(-1.0, 1.0), cos)
+}
+
+fn heights(fascia: &[V3]) -> (f64, f64) {
+    let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+    for p in fascia {
+        low = low.min(p[1]);
+        high = high.max(p[1]);
+    }
+    (low - KNOT_H_MM, high + KNOT_H_MM)
+}
+
+impl SkullGrid {
+    /// Knots that cover the fascia of the reference head.
+    pub(crate) fn new(layers: &Layers) -> Result<Self, SimError> {
+        let (low, high) = heights(&layers.fascia);
+        let most = libm::sin(0.5 * MAX_PHI);
+        let side = layers
+            .fascia
+            .iter()
+            .map(|p| cylindrical(*p).1.abs())
+            .fold(0.25, f64::max)
+            .min(most)
+            + KNOT_SIDE;
+        let rows = ((high - low) / KNOT_H_MM).ceil() as usize + 3;
+        let columns = (2.0 * side / KNOT_SIDE).ceil() as usize + 3;
+        let near = |i: usize, j: usize| {
+            (0..NEAR).filter_map(move |k| {
+                let (row, column) = (i + k / 7, (j + k % 7).checked_sub(3)?);
+                (row < rows && column < columns).then_some((k, (row * columns + column) as u32))
+            })
+        };
+        let knots = || (0..rows * columns).map(|at| (at, at / columns, at % columns));
+        let pairs =
+            knots().flat_map(|(at, i, j)| near(i, j).map(move |(_, other)| (at as u32, other)));
+        let pattern = Pattern::new(rows * columns, "skull field", pairs)?;
+        let mut slots = vec![[u32::MAX; NEAR]; rows * columns];
+        for (at, i, j) in knots() {
+            for (k, other) in near(i, j) {
+                slots[at][k] = pattern.slot(at as u32, other);
+            }
         }
-        let side = side.min(2.2) + KNOT_PHI;
-        let (low, high) = (low - KNOT_H_MM, high + KNOT_H_MM);
-        let mut field = Self {
+        Ok(Self {
+            rows,
+            columns,
+            pattern,
+            slots,
+        })
+    }
+
+    /// Fits the fascia at rest, by area-weighted least squares with a little bending energy.
+    pub(crate) fn fit(
+        &self,
+        triangles: &[[u32; 3]],
+        layers: &Layers,
+    ) -> Result<HeightField, SimError> {
+        let (low, high) = heights(&layers.fascia);
+        let mut field = HeightField {
             h0: low,
-            phi0: -side,
-            rows: ((high - low) / KNOT_H_MM).ceil() as usize + 3,
-            columns: (2.0 * side / KNOT_PHI).ceil() as usize + 3,
+            per_h: (self.rows - 3) as f64 / (high - low).max(1.0),
+            // Centred, so that mirrored shapes have mirrored fields.
+            side0: -0.5 * (self.columns - 3) as f64 * KNOT_SIDE,
+            rows: self.rows,
+            columns: self.columns,
             coefficients: Vec::new(),
         };
-        // Centre the columns, so that mirrored shapes have mirrored fields.
-        field.phi0 = -0.5 * (field.columns - 3) as f64 * KNOT_PHI;
-        field.coefficients = field.solve(&samples(triangles, layers))?;
+        let mut matrix = vec![0.0; self.pattern.entries()];
+        let mut right = vec![[0.0; 3]; self.slots.len()];
+        let mut total = 0.0;
+        for s in samples(triangles, layers) {
+            let (row, column, wh, ws) = field.weights(s.h, s.side);
+            for a in 0..16 {
+                let at = (row + a / 4) * self.columns + column + a % 4;
+                let w = s.weight * wh[a / 4] * ws[a % 4];
+                right[at][0] += w * s.radius;
+                for b in 4 * (a / 4)..16 {
+                    // Pairs in one row of knots are met from both sides.
+                    if b / 4 > a / 4 || b >= a {
+                        let k = 7 * (b / 4 - a / 4) + 3 + b % 4 - a % 4;
+                        matrix[self.slots[at][k] as usize] += w * wh[b / 4] * ws[b % 4];
+                    }
+                }
+            }
+            total += s.weight;
+        }
+        self.smooth(&mut matrix, total);
+        let mut factor = Factor::<Lanes>::new(&self.pattern);
+        factor.refactor_one(&self.pattern, "skull field", &matrix)?;
+        factor.solve(&self.pattern, &mut right);
+        field.coefficients = right.iter().map(|r| r[0]).collect();
         Ok(field)
     }
 
-    /// Radius and slopes at height `h` (mm) and angle `phi` (rad); constant beyond the fitted region.
-    pub(crate) fn at(&self, h: f64, phi: f64) -> Height {
-        let (row, u, clamped_h) = cell((h - self.h0) / KNOT_H_MM, self.rows);
-        let (column, v, clamped_phi) = cell((phi - self.phi0) / KNOT_PHI, self.columns);
+    /// Adds the bending energy, `total` being the weight of all samples.
+    fn smooth(&self, matrix: &mut [f64], total: f64) {
+        const BEND: [f64; 3] = [1.0, -2.0, 1.0];
+        let bend = SMOOTHING * total / self.slots.len() as f64;
+        for i in 0..self.rows {
+            for j in 0..self.columns {
+                let at = i * self.columns + j;
+                for a in 0..3 {
+                    for b in a..3 {
+                        let w = bend * BEND[a] * BEND[b];
+                        if i + 2 < self.rows {
+                            let slot = self.slots[at + a * self.columns][7 * (b - a) + 3];
+                            matrix[slot as usize] += w;
+                        }
+                        if j + 2 < self.columns {
+                            matrix[self.slots[at + a][3 + b - a] as usize] += w;
+                        }
+                    }
+                }
+                matrix[self.slots[at][3] as usize] += 1e-9 * total;
+            }
+        }
+    }
+}
+
+impl HeightField {
+    fn weights(&self, h: f64, side: f64) -> (usize, usize, [f64; 4], [f64; 4]) {
+        let (row, u, _) = cell((h - self.h0) * self.per_h, self.rows);
+        let (column, v, _) = cell((side - self.side0) / KNOT_SIDE, self.columns);
+        (row, column, basis(u), basis(v))
+    }
+
+    /// Radius and slopes at height `h` (mm) and `side = sin(phi / 2)`; constant beyond the fitted region.
+    #[inline]
+    pub(crate) fn at(&self, h: f64, side: f64) -> Height {
+        let (row, u, clamped_h) = cell((h - self.h0) * self.per_h, self.rows);
+        let (column, v, clamped_side) = cell((side - self.side0) / KNOT_SIDE, self.columns);
         let (wu, du, wv, dv) = (basis(u), slope(u), basis(v), slope(v));
         let (mut radius, mut over_u, mut over_v) = (0.0, 0.0, 0.0);
         for i in 0..4 {
@@ -79,100 +205,56 @@ impl HeightField {
         }
         Height {
             radius,
-            over_h: if clamped_h { 0.0 } else { over_u / KNOT_H_MM },
-            over_phi: if clamped_phi { 0.0 } else { over_v / KNOT_PHI },
+            over_h: if clamped_h { 0.0 } else { over_u * self.per_h },
+            over_side: if clamped_side {
+                0.0
+            } else {
+                over_v / KNOT_SIDE
+            },
         }
     }
 
     /// Distance of a point from the field along the radius, mm, and its gradient.
+    #[inline]
     pub(crate) fn gap(&self, p: V3) -> (f64, V3) {
-        let radius = libm::sqrt(p[0] * p[0] + p[2] * p[2]).max(1.0);
+        let (radius, side, half) = cylindrical(p);
+        let height = self.at(p[1], side);
         let (sin, cos) = (p[0] / radius, p[2] / radius);
-        let height = self.at(p[1], libm::atan2(p[0], p[2]));
-        let turn = height.over_phi / radius;
+        // d side = cos(phi / 2) / 2 d phi.
+        let turn = 0.5 * half * height.over_side / radius;
         // Radial direction (sin, 0, cos), direction of growing phi (cos, 0, -sin).
         let gradient = [sin - turn * cos, -height.over_h, cos + turn * sin];
         (radius - height.radius, gradient)
-    }
-
-    fn solve(&self, samples: &[Sample]) -> Result<Vec<f64>, SimError> {
-        let n = self.rows * self.columns;
-        let index = |i: usize, j: usize| (i * self.columns + j) as u32;
-        let near = (0..self.rows).flat_map(|i| (0..self.columns).map(move |j| (i, j)));
-        let pairs = near.flat_map(|(i, j)| {
-            (0..4usize)
-                .flat_map(move |di| (-3..=3i64).map(move |dj| (di, dj)))
-                .filter_map(move |(di, dj)| {
-                    let (k, l) = (i + di, j as i64 + dj);
-                    let inside = k < self.rows && l >= 0 && l < self.columns as i64;
-                    inside.then(|| (index(i, j), index(k, l as usize)))
-                })
-        });
-        let pattern = Pattern::new(n, "skull field", pairs)?;
-        let mut matrix = vec![0.0; pattern.entries()];
-        let mut side = vec![0.0; n];
-        let mut total = 0.0;
-        for s in samples {
-            let (row, u, _) = cell((s.h - self.h0) / KNOT_H_MM, self.rows);
-            let (column, v, _) = cell((s.phi - self.phi0) / KNOT_PHI, self.columns);
-            let (wu, wv) = (basis(u), basis(v));
-            let terms: Vec<(u32, f64)> = (0..16)
-                .map(|k| (index(row + k / 4, column + k % 4), wu[k / 4] * wv[k % 4]))
-                .collect();
-            add_square(&pattern, &mut matrix, &terms, s.weight);
-            for (i, w) in &terms {
-                side[*i as usize] += s.weight * w * s.radius;
-            }
-            total += s.weight;
-        }
-        let bend = SMOOTHING * total / n as f64;
-        for i in 0..self.rows {
-            for j in 0..self.columns {
-                if i + 2 < self.rows {
-                    let line = [0, 1, 2].map(|k| (index(i + k, j), [1.0, -2.0, 1.0][k]));
-                    add_square(&pattern, &mut matrix, &line, bend);
-                }
-                if j + 2 < self.columns {
-                    let line = [0, 1, 2].map(|k| (index(i, j + k), [1.0, -2.0, 1.0][k]));
-                    add_square(&pattern, &mut matrix, &line, bend);
-                }
-                matrix[pattern.slot(index(i, j), index(i, j)) as usize] += 1e-9 * total;
-            }
-        }
-        let mut factor = Factor::new(&pattern, 1);
-        factor.refactor(&pattern, "skull field", &matrix)?;
-        factor.solve(&pattern, &mut side);
-        Ok(side)
     }
 }
 
 struct Sample {
     h: f64,
-    phi: f64,
+    side: f64,
     radius: f64,
     weight: f64,
 }
 
-/// Points of the fascia, 10 per element, weighted by area and by how well they face outwards.
+/// Points of the fascia, 6 per element, weighted by area and by how well they face outwards.
 fn samples(triangles: &[[u32; 3]], layers: &Layers) -> Vec<Sample> {
-    let mut out = Vec::with_capacity(triangles.len() * 10);
+    let mut out = Vec::with_capacity(triangles.len() * 6);
     for t in triangles {
         let corners = t.map(|i| layers.fascia[i as usize]);
         let area = area_vector(corners);
         let size = norm(area);
-        for i in 0..4u8 {
-            for j in 0..4 - i {
-                let (a, b) = (f64::from(i) / 3.0, f64::from(j) / 3.0);
+        for i in 0..3u8 {
+            for j in 0..3 - i {
+                let (a, b) = (f64::from(i) / 2.0, f64::from(j) / 2.0);
                 let p = add(
                     add(scale(corners[0], a), scale(corners[1], b)),
                     scale(corners[2], 1.0 - a - b),
                 );
-                let radius = libm::sqrt(p[0] * p[0] + p[2] * p[2]);
+                let (radius, side, _) = cylindrical(p);
                 let facing = (area[0] * p[0] + area[2] * p[2]) / (radius * size).max(1e-12);
                 if facing > MIN_FACING {
                     out.push(Sample {
                         h: p[1],
-                        phi: libm::atan2(p[0], p[2]),
+                        side,
                         radius,
                         weight: size * facing,
                     });
@@ -183,19 +265,12 @@ fn samples(triangles: &[[u32; 3]], layers: &Layers) -> Vec<Sample> {
     out
 }
 
-fn add_square(pattern: &Pattern, matrix: &mut [f64], terms: &[(u32, f64)], weight: f64) {
-    for (k, (i, a)) in terms.iter().enumerate() {
-        for (j, b) in &terms[..=k] {
-            matrix[pattern.slot(*i, *j) as usize] += weight * a * b;
-        }
-    }
-}
-
 /// First of the four coefficients, place in the cell, and whether the coordinate lies outside.
 fn cell(t: f64, count: usize) -> (usize, f64, bool) {
     let last = (count - 3) as f64;
     let inside = t.clamp(0.0, last);
-    let first = (inside.floor() as usize).min(count - 4);
+    // Truncation is the floor of what is not negative.
+    let first = (inside as usize).min(count - 4);
     let outside = t < 0.0 || t > last;
     (first, inside - first as f64, outside)
 }
@@ -254,7 +329,8 @@ mod tests {
     #[test]
     fn the_field_meets_a_smooth_surface_and_its_gradient_is_right() {
         let (triangles, layers) = patch();
-        let field = HeightField::fit(&triangles, &layers).expect("positive");
+        let grid = SkullGrid::new(&layers).expect("a sheet");
+        let field = grid.fit(&triangles, &layers).expect("positive");
         let p = [30.0, 10.0, 72.0];
         let (gap, gradient) = field.gap(p);
         let truth = libm::sqrt(30.0f64 * 30.0 + 72.0 * 72.0)
@@ -276,7 +352,8 @@ mod tests {
     #[test]
     fn beyond_its_border_the_field_is_constant() {
         let (triangles, layers) = patch();
-        let field = HeightField::fit(&triangles, &layers).expect("positive");
+        let grid = SkullGrid::new(&layers).expect("a sheet");
+        let field = grid.fit(&triangles, &layers).expect("positive");
         let (a, b) = (field.at(900.0, 0.0), field.at(1000.0, 0.0));
         assert!((a.radius - b.radius).abs() < 1e-12 && a.over_h == 0.0);
     }

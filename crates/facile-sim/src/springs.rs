@@ -1,6 +1,7 @@
 //! The springs of the three layers at rest (section 4.1).
 
 use crate::params::PaperParams;
+use crate::simd::{LANES, Lanes};
 use crate::template::Template;
 use crate::vector::{V3, cross, dot, norm, sub};
 
@@ -9,40 +10,47 @@ const MIN_LENGTH_SHARE: f64 = 1e-3;
 /// Range of Van Gelder's factor; on the reference head it is 0.25 to 2.4 away from slivers.
 const FACTOR_RANGE: (f64, f64) = (0.05, 5.0);
 
-/// Springs as separate lists of the same length. Those of the fascia come first, in the order of the template's edges.
+/// The springs along each edge of the mesh, by lane: in the skin, in the fascia, from the skin's first end to the fascia's
+/// second, from the skin's second end to the fascia's first; and those between skin and fascia of each node.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Springs {
-    pub(crate) ends: Vec<[u32; 2]>,
-    pub(crate) stiffness: Vec<f64>,
-    pub(crate) rest_length: Vec<f64>,
+    pub(crate) stiffness: Vec<Lanes>,
+    pub(crate) rest_length: Vec<Lanes>,
+    pub(crate) vertical_stiffness: f64,
+    pub(crate) vertical_length: Vec<f64>,
+}
+
+/// Lane of an edge's spring in the fascia.
+pub(crate) const FASCIA: usize = 1;
+
+/// Ends of the springs of an edge, by lane.
+pub(crate) fn ends([a, b]: [u32; 2], n: u32) -> [[u32; 2]; LANES] {
+    [[a, b], [n + a, n + b], [a, n + b], [b, n + a]]
 }
 
 impl Springs {
     /// All springs between skin and fascia and within both. `rest`: the skin's nodes, then the fascia's.
     pub(crate) fn new(template: &Template, params: &PaperParams, rest: &[V3]) -> Self {
-        let n = template.node_count() as u32;
-        let factors = van_gelder(&template.triangles, &template.edges, &rest[..n as usize]);
-        let mut springs = Self::default();
-        let mut add = |a: u32, b: u32, stiffness: f64| {
-            springs.ends.push([a, b]);
-            springs.stiffness.push(stiffness);
-            let length = norm(sub(rest[a as usize], rest[b as usize]));
-            springs.rest_length.push(length);
-        };
-        for (&[a, b], factor) in template.edges.iter().zip(&factors) {
-            add(n + a, n + b, params.fascia_stiffness * factor);
+        let n = template.node_count();
+        let factors = van_gelder(&template.triangles, &template.edges, &rest[..n]);
+        let length = |[a, b]: [u32; 2]| norm(sub(rest[a as usize], rest[b as usize]));
+        let crossed = params.skin_fascia_stiffness;
+        Self {
+            stiffness: factors
+                .iter()
+                .map(|f| {
+                    let (skin, fascia) = (params.skin_stiffness * f, params.fascia_stiffness * f);
+                    [skin, fascia, crossed, crossed]
+                })
+                .collect(),
+            rest_length: template
+                .edges
+                .iter()
+                .map(|e| ends(*e, n as u32).map(length))
+                .collect(),
+            vertical_stiffness: crossed,
+            vertical_length: (0..n as u32).map(|i| length([i, n as u32 + i])).collect(),
         }
-        for (&[a, b], factor) in template.edges.iter().zip(&factors) {
-            add(a, b, params.skin_stiffness * factor);
-        }
-        for i in 0..n {
-            add(i, n + i, params.skin_fascia_stiffness);
-        }
-        for &[a, b] in &template.edges {
-            add(a, n + b, params.skin_fascia_stiffness);
-            add(b, n + a, params.skin_fascia_stiffness);
-        }
-        springs
     }
 }
 
@@ -50,7 +58,7 @@ impl Springs {
 /// modulus times thickness it gives the stiffness with which a triangle mesh behaves like that membrane.
 ///
 /// Source: Van Gelder, Approximate simulation of elastic membranes by triangulated spring meshes, 1998, eq. 5.
-pub(crate) fn van_gelder(triangles: &[[u32; 3]], edges: &[[u32; 2]], x: &[V3]) -> Vec<f64> {
+fn van_gelder(triangles: &[[u32; 3]], edges: &[[u32; 2]], x: &[V3]) -> Vec<f64> {
     let mut area = vec![0.0; edges.len()];
     for &[a, b, c] in triangles {
         let p = [a, b, c].map(|i| x[i as usize]);

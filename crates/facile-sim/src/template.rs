@@ -12,6 +12,7 @@ use facile_core::{ReferenceHead, mesh};
 use crate::SimError;
 use crate::layers::Layers;
 use crate::muscle::{Actuator, MuscleSet, Reach};
+use crate::skull::SkullGrid;
 use crate::solver::SystemPattern;
 use crate::vector::{V3, from_point, from_vector, norm, scale, sub};
 
@@ -48,6 +49,8 @@ pub struct Template {
     pub(crate) actuators: Vec<Actuator>,
     /// Sparsity of the solver's matrix.
     pub(crate) pattern: SystemPattern,
+    /// Knots of the skull's height field.
+    pub(crate) skull: SkullGrid,
     /// The muscles the template was made with.
     pub(crate) muscles: MuscleSet,
 }
@@ -98,10 +101,19 @@ impl Template {
         for i in vestibule(cage, &positions, &cage_of_node, &edges, &margins.lips) {
             attached[i] = true;
         }
+        let pattern = SystemPattern::new(&triangles, &edges, &moving)?;
+        let layers = layers(
+            &triangles,
+            &cage_of_node,
+            &thickness,
+            reference,
+            &reference.mesh.positions,
+        )?;
         let mut template = Self {
             attached,
             margins,
-            pattern: SystemPattern::new(&triangles, &moving)?,
+            pattern,
+            skull: SkullGrid::new(&layers)?,
             actuators: Vec::new(),
             muscles: muscles.clone(),
             cage_of_node,
@@ -112,7 +124,6 @@ impl Template {
             moving,
             thickness,
         };
-        let layers = template.layers(reference, &reference.mesh.positions)?;
         let mirror: Vec<u32> = template
             .cage_of_node
             .iter()
@@ -127,6 +138,11 @@ impl Template {
             .collect::<Result<_, _>>()?;
         template.actuators = Reach::new(&template, &layers, &mirror).bind_all(muscles)?;
         Ok(template)
+    }
+
+    /// The muscles on the mesh.
+    pub fn muscles(&self) -> &MuscleSet {
+        &self.muscles
     }
 
     /// Number of nodes a layer, free and fixed.
@@ -145,16 +161,31 @@ impl Template {
         reference: &ReferenceHead,
         fine: &[facile_core::Point3],
     ) -> Result<Layers, SimError> {
-        let normals = mesh::vertex_normals(fine, &reference.mesh.triangles);
-        let pick = |v: &u32| from_point(&fine[*v as usize]);
-        let skin: Vec<V3> = self.cage_of_node.iter().map(pick).collect();
-        let inward: Vec<V3> = self
-            .cage_of_node
-            .iter()
-            .map(|&v| scale(from_vector(&normals[v as usize]), -1.0))
-            .collect();
-        Layers::new(&self.triangles, skin, &inward, &self.thickness)
+        layers(
+            &self.triangles,
+            &self.cage_of_node,
+            &self.thickness,
+            reference,
+            fine,
+        )
     }
+}
+
+fn layers(
+    triangles: &[[u32; 3]],
+    cage_of_node: &[u32],
+    thickness: &[f64],
+    reference: &ReferenceHead,
+    fine: &[facile_core::Point3],
+) -> Result<Layers, SimError> {
+    let normals = mesh::vertex_normals(fine, &reference.mesh.triangles);
+    let pick = |v: &u32| from_point(&fine[*v as usize]);
+    let skin: Vec<V3> = cage_of_node.iter().map(pick).collect();
+    let inward: Vec<V3> = cage_of_node
+        .iter()
+        .map(|&v| scale(from_vector(&normals[v as usize]), -1.0))
+        .collect();
+    Layers::new(triangles, skin, &inward, thickness)
 }
 
 /// Faces with a free vertex and no passive one.

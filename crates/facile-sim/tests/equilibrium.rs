@@ -2,25 +2,20 @@
 
 use std::sync::OnceLock;
 
+use facile_core::identity::IdentityModel;
+use facile_core::rng::RandomStream;
 use facile_core::{
-    Attributes, Isometry3, Point3, ReferenceHead, Similarity3, Subject, UnitQuaternion, Vector3,
+    Isometry3, Point3, ReferenceHead, Similarity3, Subject, UnitQuaternion, Vector3,
 };
+use facile_sim::stress::random_pose;
+use facile_sim::work_precision::{largest_distance, work_precision};
 use facile_sim::{
-    Equilibrium, ExpressionSet, FaceModel, FaceRig, MuscleSet, Pose, Solver, SolverParams,
+    Equilibrium, ExpressionSet, FaceModel, FaceRig, MuscleSet, Pose, Solver, SolverKind,
+    SolverParams,
 };
 
 fn mean_subject() -> Subject {
-    let reference = ReferenceHead::embedded();
-    Subject {
-        id: "mean".to_owned(),
-        attributes: Attributes::default(),
-        positions: reference.mesh.positions.clone(),
-        expected_error: vec![0.0; reference.mesh.positions.len()],
-        texture: reference.texture.clone(),
-        eyes: reference.eyes,
-        eye_color: "brown".to_owned(),
-        skull_from_reference: Similarity3::identity(),
-    }
+    facile_sim::mean_subject(ReferenceHead::embedded())
 }
 
 fn rig() -> &'static FaceRig {
@@ -112,15 +107,126 @@ fn a_turned_subject_gives_the_turned_face() {
     assert!(farthest(&a.positions, &back) < 0.05);
 }
 
+fn named(name: &str) -> Pose {
+    let expression = ExpressionSet::embedded().get(name).expect("built in");
+    expression.pose(MuscleSet::embedded()).expect("valid")
+}
+
+/// Largest distance of a solver's nodes from those of the default, mm.
+fn disagreement(model: &FaceModel, pose: &Pose, kind: SolverKind) -> f64 {
+    let fast = solve(model, pose);
+    let slow = Solver::new()
+        .solve(model, pose, &SolverParams::of(kind))
+        .expect("rests");
+    largest_distance(&fast, &slow)
+}
+
 #[test]
 fn verlet_finds_the_same_equilibrium() {
-    let pose = pose(&[("corrugator", 0.3)]);
-    let fast = solve(model(), &pose);
-    let slow = Solver::new()
-        .solve(model(), &pose, &SolverParams::verlet())
-        .expect("rests");
-    let away = farthest(&fast.nodes, &slow.nodes);
+    let away = disagreement(model(), &named("anger"), SolverKind::Verlet);
     assert!(away < 0.05, "{away} mm apart");
+}
+
+#[test]
+fn fire_finds_the_same_equilibrium() {
+    for name in ["anger", "blink"] {
+        let away = disagreement(model(), &named(name), SolverKind::Fire);
+        assert!(away < 0.01, "{name}: {away} mm apart");
+    }
+}
+
+#[test]
+#[ignore = "minutes: every solver on every expression"]
+fn all_solvers_agree_on_all_expressions() {
+    for expression in ExpressionSet::embedded().expressions() {
+        let pose = named(&expression.name);
+        for kind in [SolverKind::Verlet, SolverKind::Fire] {
+            let away = disagreement(model(), &pose, kind);
+            assert!(
+                away < 0.05,
+                "{} by {}: {away} mm",
+                expression.name,
+                kind.name()
+            );
+        }
+    }
+}
+
+#[test]
+fn a_longer_path_ends_in_the_same_equilibrium() {
+    for name in ["smile", "surprise"] {
+        let pose = named(name);
+        let direct = solve(model(), &pose);
+        let params = SolverParams {
+            continuation_step: 0.2,
+            ..SolverParams::default()
+        };
+        let careful = Solver::new()
+            .solve(model(), &pose, &params)
+            .expect("converges");
+        let away = largest_distance(&direct, &careful);
+        assert!(away < 0.01, "{name}: {away} mm apart");
+    }
+}
+
+#[test]
+fn a_ladder_of_intensities_ends_in_the_same_equilibria() {
+    let pose = named("disgust");
+    let rungs = [0.25, 0.5, 0.75, 1.0];
+    let mut solver = Solver::new();
+    let ladder = solver.solve_ladder(model(), &pose, &rungs, &SolverParams::default());
+    let mut warm = 0;
+    let mut cold = 0;
+    for (rung, found) in rungs.iter().zip(ladder) {
+        let found = found.expect("converges");
+        let alone = solve(model(), &pose.scaled(*rung));
+        let away = largest_distance(&found, &alone);
+        assert!(away < 0.01, "at {rung}: {away} mm apart");
+        warm += found.certificate.iterations;
+        cold += alone.certificate.iterations;
+    }
+    assert!(warm < cold, "{warm} iterations warm, {cold} cold");
+}
+
+#[test]
+fn the_face_moves_continuously_with_the_contraction() {
+    let at = |c: f64| solve(model(), &pose(&[("risorius", c)]));
+    for c in [0.2, 0.7] {
+        let away = largest_distance(&at(c), &at(c + 0.001));
+        assert!(away < 0.04, "at {c}: {away} mm for 0.001");
+    }
+}
+
+#[test]
+fn random_poses_certify_without_penetration() {
+    let reference = ReferenceHead::embedded();
+    for number in 0..3 {
+        let subject = IdentityModel::embedded()
+            .sample(reference, 7, number)
+            .expect("embedded");
+        let model = rig().model(reference, &subject).expect("valid");
+        let mut random = RandomStream::new(11, number);
+        let pose = random_pose(MuscleSet::embedded(), 0.6, &mut random);
+        let face = solve(&model, &pose);
+        assert!(face.certificate.max_penetration_mm < 1e-6);
+        assert!(face.certificate.residual <= SolverParams::default().tolerance);
+    }
+}
+
+#[test]
+fn a_smaller_tolerance_gives_a_smaller_error() {
+    let pose = pose(&[("corrugator", 0.5)]);
+    let rows = work_precision(model(), &pose, &[SolverKind::QuasiStatic], &[1e-2, 2e-4], 1)
+        .expect("converges");
+    let cold: Vec<f64> = rows
+        .iter()
+        .filter(|r| !r.warm)
+        .map(|r| r.error_mm)
+        .collect();
+    assert!(
+        rows.len() == 4 && cold[1] < cold[0] && cold[1] < 0.01,
+        "{rows:?}"
+    );
 }
 
 #[test]
@@ -131,20 +237,14 @@ fn a_smile_lifts_and_widens_the_mouth_and_a_blink_closes_the_eyes() {
         scheme.points[k].position(positions, &reference.mesh.triangles)
     };
     let rest = mean_subject().positions;
-    let named = |name: &str| {
-        let expression = ExpressionSet::embedded().get(name).expect("built in");
-        solve(
-            model(),
-            &expression.pose(MuscleSet::embedded()).expect("valid"),
-        )
-    };
-    let smile = named("smile");
+    let posed = |name: &str| solve(model(), &named(name));
+    let smile = posed("smile");
     let corner = mark(&smile.positions, 54) - mark(&rest, 54);
     assert!(corner.x > 2.0 && corner.y > 3.0, "{corner}");
-    let open = named("mouth_open");
+    let open = posed("mouth_open");
     let gap = mark(&open.positions, 62).y - mark(&open.positions, 66).y;
     assert!(gap > 8.0, "{gap}");
-    let blink = named("blink");
+    let blink = posed("blink");
     for (upper, lower) in [(43, 47), (44, 46), (37, 41), (38, 40)] {
         let slit = |p: &[Point3]| (mark(p, upper) - mark(p, lower)).norm();
         assert!(slit(&blink.positions) < 0.45 * slit(&rest));

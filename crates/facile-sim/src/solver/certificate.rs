@@ -3,11 +3,12 @@
 use serde::{Deserialize, Serialize};
 
 use super::{Outcome, SolverKind};
+use crate::layers::area_vector;
 use crate::load::Load;
-use crate::vector::{V3, norm};
+use crate::vector::{V3, dot, norm};
 
 /// Nodes nearer than this to a surface may lean on it, mm.
-const TOUCH_MM: f64 = 0.02;
+const TOUCH_MM: f64 = 1e-3;
 
 /// Evidence that a face is at rest. It holds no wall time: the same input gives the same bytes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -17,10 +18,14 @@ pub struct Certificate {
     /// Largest unbalanced force on a node, over the force of a relaxed fascia spring that is stretched by 1 mm. Forces
     /// that press a node onto a surface it touches are balanced by that surface.
     pub residual: f64,
-    /// Largest depth of a node below skull, eyeball or lip, mm, beyond its place at rest.
+    /// Largest depth of a node below skull or eyeball, mm, beyond its place at rest.
     pub max_penetration_mm: f64,
+    /// Largest overlap of the lips, mm, beyond that at rest: they press on each other like soft flesh.
+    pub lip_overlap_mm: f64,
     /// Prisms of the skin that are turned inside out.
     pub inverted_elements: usize,
+    /// Triangles of the skin that face the other way than at rest.
+    pub flipped_triangles: usize,
     /// Iterations of the solver, all steps of the path together.
     pub iterations: usize,
     /// Elastic energy (springs, attachments, shape, volume), in the units of Table 1 and mm.
@@ -34,11 +39,22 @@ impl Certificate {
             solver,
             residual: assessed.residual,
             max_penetration_mm: load.contacts.penetration(x),
+            lip_overlap_mm: load.contacts.lip_overlap(x),
             inverted_elements: load.model.elements.inverted(x),
+            flipped_triangles: flipped(load, x),
             iterations: outcome.iterations,
             energy: assessed.energy,
         }
     }
+}
+
+/// Triangles of the skin whose normal has turned by more than a right angle from where skull, jaw and lids carry it.
+fn flipped(load: &Load<'_>, x: &[V3]) -> usize {
+    let normal = |t: &[u32; 3], x: &[V3]| area_vector(t.map(|i| x[i as usize]));
+    let triangles = load.model.template.triangles.iter();
+    triangles
+        .filter(|t| dot(normal(t, x), normal(t, &load.carried)) < 0.0)
+        .count()
 }
 
 /// Residual and energy at `x`, measured the same way for every solver.
@@ -57,10 +73,7 @@ pub(crate) fn assess(load: &Load<'_>, x: &[V3]) -> Outcome {
 /// Largest unbalanced force over the reference force. Takes balanced contact forces out of `gradient`.
 pub(crate) fn residual(load: &Load<'_>, x: &[V3], gradient: &mut [V3], touch: f64) -> f64 {
     let moving = &load.model.template.moving;
-    // Nodes with several contacts: a few sweeps settle which of them carry.
-    for _ in 0..4 {
-        load.contacts.balance(x, touch, gradient, moving);
-    }
+    load.contacts.balance(x, touch, gradient);
     let largest = gradient
         .iter()
         .zip(moving)

@@ -1,10 +1,11 @@
-//! Two ways to the same equilibrium: quasi-static (the default) and velocity Verlet (the paper's).
+//! Three ways to the same equilibrium: quasi-static (the default), velocity Verlet (the paper's), and FIRE.
 //!
 //! [`Solver`] owns scratch memory only; the result is a function of model, pose and parameters. Both solvers walk the
 //! same path from neutral to the pose, in steps of intensity, because strong poses have more than one equilibrium: the
 //! path makes the answer unique. What no solver can certify is an error, never a silent last iterate.
 
 mod certificate;
+mod fire;
 mod lbfgs;
 mod preconditioner;
 mod quasi_static;
@@ -21,27 +22,34 @@ use crate::kinematics::eye_rotation;
 use crate::load::Load;
 use crate::model::FaceModel;
 use crate::pose::Pose;
-use crate::sparse::Factor;
 use crate::vector::{V3, sub, to_point};
+use lbfgs::Lbfgs;
 use preconditioner::Preconditioner;
+use quasi_static::Walk;
 
 /// Which way to the equilibrium.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SolverKind {
-    /// L-BFGS with a factored preconditioner, contact by an augmented Lagrangian.
+    /// L-BFGS with a factored preconditioner, over the surfaces that nodes rest on.
     #[default]
     QuasiStatic,
     /// The paper's damped motion, followed until it rests, contact by projection.
     Verlet,
+    /// Scaled FIRE: motion that is stopped whenever it goes uphill, contact by projection.
+    Fire,
 }
 
 impl SolverKind {
+    /// All solvers, the default first.
+    pub const ALL: [Self; 3] = [Self::QuasiStatic, Self::Verlet, Self::Fire];
+
     /// The name in recipes and certificates.
     pub fn name(self) -> &'static str {
         match self {
             Self::QuasiStatic => "quasi_static",
             Self::Verlet => "verlet",
+            Self::Fire => "fire",
         }
     }
 }
@@ -58,10 +66,8 @@ pub struct SolverParams {
     pub max_penetration_mm: f64,
     /// Longest step of intensity on the path from neutral, in `(0, 1]`.
     pub continuation_step: f64,
-    /// Iterations (quasi-static: of L-BFGS; Verlet: time steps) before giving up.
+    /// Iterations (quasi-static: of L-BFGS; Verlet and FIRE: time steps) before giving up.
     pub max_iterations: usize,
-    /// Stiffness of contact, before the multipliers take over.
-    pub contact_stiffness: f64,
 }
 
 impl Default for SolverParams {
@@ -70,9 +76,8 @@ impl Default for SolverParams {
             kind: SolverKind::QuasiStatic,
             tolerance: 2e-4,
             max_penetration_mm: 0.02,
-            continuation_step: 0.34,
+            continuation_step: 0.5,
             max_iterations: 4_000,
-            contact_stiffness: 2_000.0,
         }
     }
 }
@@ -84,6 +89,19 @@ impl SolverParams {
             kind: SolverKind::Verlet,
             max_iterations: 60_000,
             ..Self::default()
+        }
+    }
+
+    /// Defaults of a solver.
+    pub fn of(kind: SolverKind) -> Self {
+        match kind {
+            SolverKind::QuasiStatic => Self::default(),
+            SolverKind::Verlet => Self::verlet(),
+            SolverKind::Fire => Self {
+                kind,
+                max_iterations: 40_000,
+                ..Self::default()
+            },
         }
     }
 }
@@ -113,7 +131,7 @@ pub struct Solver {
 #[derive(Debug)]
 struct Scratch {
     preconditioner: Preconditioner,
-    follow: Factor,
+    lbfgs: Lbfgs,
     nodes: usize,
 }
 
@@ -144,17 +162,67 @@ impl Solver {
         params: &SolverParams,
     ) -> Result<Equilibrium, SimError> {
         pose.check(&model.template.muscles)?;
-        let mut scratch = match self.scratch.take() {
-            Some(s) if s.nodes == model.rest.len() => s,
-            _ => Scratch {
-                preconditioner: Preconditioner::new(&model.template.pattern),
-                follow: model.follow.factor()?,
-                nodes: model.rest.len(),
-            },
-        };
+        let mut scratch = self.scratch(model);
         let result = solve(&mut scratch, model, pose, params);
         self.scratch = Some(scratch);
         result
+    }
+
+    /// The equilibria of one motion at several intensities: each starts from the one before, its first guess continued
+    /// to first order. `intensities` in `(0, 1]`, ascending; one result for each. Only for the quasi-static solver; the
+    /// others solve each intensity from neutral.
+    ///
+    /// Each equilibrium is that of [`Self::solve`] to the tolerance (0.01 mm at the default), but not to the last bit.
+    ///
+    /// # Errors
+    /// Those of [`Self::solve`], for each intensity on its own.
+    pub fn solve_ladder(
+        &mut self,
+        model: &FaceModel,
+        pose: &Pose,
+        intensities: &[f64],
+        params: &SolverParams,
+    ) -> Vec<Result<Equilibrium, SimError>> {
+        let mut out = Vec::with_capacity(intensities.len());
+        if let Err(e) = pose.check(&model.template.muscles) {
+            return intensities.iter().map(|_| Err(e.clone())).collect();
+        }
+        let mut scratch = self.scratch(model);
+        let mut walk: Option<Walk<'_>> = None;
+        let mut at = 0.0;
+        for &intensity in intensities {
+            let here = pose.scaled(intensity);
+            let climbs = params.kind == SolverKind::QuasiStatic && intensity > at;
+            if !climbs || here.is_neutral() {
+                out.push(solve(&mut scratch, model, &here, params));
+                continue;
+            }
+            let mut current = walk.take().unwrap_or_else(|| Walk::new(model, pose));
+            let result = current
+                .go(&mut scratch, intensity, params)
+                .and_then(|(load, outcome)| certify(&load, &current.x, &here, params, &outcome));
+            // After a failure the next one starts from neutral.
+            if result.is_ok() {
+                walk = Some(current);
+                at = intensity;
+            } else {
+                at = 0.0;
+            }
+            out.push(result);
+        }
+        self.scratch = Some(scratch);
+        out
+    }
+
+    fn scratch(&mut self, model: &FaceModel) -> Scratch {
+        match self.scratch.take() {
+            Some(s) if s.nodes == model.rest.len() => s,
+            _ => Scratch {
+                preconditioner: Preconditioner::new(&model.template.pattern),
+                lbfgs: Lbfgs::default(),
+                nodes: model.rest.len(),
+            },
+        }
     }
 }
 
@@ -164,19 +232,40 @@ fn solve(
     pose: &Pose,
     params: &SolverParams,
 ) -> Result<Equilibrium, SimError> {
-    let load = Load::new(model, pose)?;
-    let (x, outcome) = if pose.is_neutral() {
+    let (load, x, outcome) = if pose.is_neutral() {
         // The rest state is the equilibrium by construction: nothing to iterate, nothing to round.
-        (model.rest.clone(), certificate::assess(&load, &model.rest))
+        let load = Load::new(model, pose)?;
+        let outcome = certificate::assess(&load, &model.rest);
+        (load, model.rest.clone(), outcome)
     } else {
         match params.kind {
             SolverKind::QuasiStatic => {
-                quasi_static::solve(&mut scratch.preconditioner, model, pose, params)?
+                let mut walk = Walk::new(model, pose);
+                let (load, outcome) = walk.go(scratch, 1.0, params)?;
+                (load, walk.x, outcome)
             }
-            SolverKind::Verlet => verlet::solve(model, pose, params)?,
+            SolverKind::Verlet | SolverKind::Fire => {
+                let (x, outcome) = if params.kind == SolverKind::Verlet {
+                    verlet::solve(model, pose, params)?
+                } else {
+                    fire::solve(model, pose, params)?
+                };
+                (Load::new(model, pose)?, x, outcome)
+            }
         }
     };
-    let certificate = Certificate::new(&load, &x, params.kind, &outcome);
+    certify(&load, &x, pose, params, &outcome)
+}
+
+/// The equilibrium of nodes that a solver handed back, or what is wrong with them.
+fn certify(
+    load: &Load<'_>,
+    x: &[V3],
+    pose: &Pose,
+    params: &SolverParams,
+    outcome: &Outcome,
+) -> Result<Equilibrium, SimError> {
+    let certificate = Certificate::new(load, x, params.kind, outcome);
     let within = certificate.max_penetration_mm <= params.max_penetration_mm;
     if !outcome.converged || !within || !outcome.energy.is_finite() {
         return Err(SimError::NotConverged {
@@ -187,17 +276,11 @@ fn solve(
             penetration_mm: certificate.max_penetration_mm,
         });
     }
-    Ok(finish(&mut scratch.follow, &load, &x, pose, certificate))
+    Ok(finish(load, x, pose, certificate))
 }
 
 /// From nodes to fine vertices, in the head's frame.
-fn finish(
-    factor: &mut Factor,
-    load: &Load<'_>,
-    x: &[V3],
-    pose: &Pose,
-    certificate: Certificate,
-) -> Equilibrium {
+fn finish(load: &Load<'_>, x: &[V3], pose: &Pose, certificate: Certificate) -> Equilibrium {
     let model = load.model;
     let carried: Vec<V3> = model
         .cage
@@ -209,7 +292,7 @@ fn finish(
     for (i, &v) in model.template.cage_of_node.iter().enumerate() {
         displacement[v as usize] = sub(x[i], model.rest[i]);
     }
-    model.follow.complete(factor, &mut displacement, &carried);
+    model.follow.complete(&mut displacement, &carried);
     let head = &model.head_from_skull;
     let turned: Vec<V3> = displacement
         .iter()

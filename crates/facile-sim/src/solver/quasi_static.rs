@@ -1,69 +1,107 @@
-//! The quasi-static solver: preconditioned L-BFGS on the energy, contact by an augmented Lagrangian.
+//! The quasi-static solver: preconditioned L-BFGS on the energy, over the surfaces of skull and eyeballs.
 //!
-//! On each step of the path: factor the matrix with the contacts that carry now, iterate, move the multipliers to the
-//! contact forces, and again until force balance and contact agree. Steps before the last are solved loosely.
+//! Contact is a bound, not a penalty: a node that is pushed onto a surface slides on it and is let go when the force
+//! turns. A penalty or an augmented Lagrangian stiff enough for 0.02 mm costs three to ten times the iterations, because
+//! the set of nodes that touch changes all the time. Steps of the path before the last are solved loosely.
 
-use super::certificate::residual;
-use super::lbfgs::{Lbfgs, Step};
+use super::lbfgs::{Lbfgs, Problem, Step};
 use super::preconditioner::Preconditioner;
-use super::{Outcome, SolverParams};
+use super::{Outcome, Scratch, SolverParams};
 use crate::SimError;
+use crate::contact::Clearance;
 use crate::load::Load;
 use crate::model::FaceModel;
 use crate::pose::Pose;
-use crate::vector::{V3, add, norm, sub};
+use crate::vector::{V3, add, add_scaled, dot, norm, sub};
 
-/// How much looser than the last step the others are solved.
-const PATH_LOOSENESS: f64 = 100.0;
-/// Residual of the first round of multipliers.
-const ROUGH: f64 = 0.02;
 /// Iterations after which the matrix is made anew.
 const REFACTOR_AFTER: usize = 40;
-/// Rounds of multipliers before giving up.
-const MAX_ROUNDS: usize = 40;
+/// How much looser than the last step the others are solved.
+const PATH_LOOSENESS: f64 = 500.0;
 
-/// The equilibrium of a pose: nodes and how they were found.
-pub(crate) fn solve(
-    preconditioner: &mut Preconditioner,
-    model: &FaceModel,
-    pose: &Pose,
-    params: &SolverParams,
-) -> Result<(Vec<V3>, Outcome), SimError> {
-    let steps = path_steps(pose, params);
-    let mut x = model.rest.clone();
-    let mut carried = model.rest.clone();
-    let mut multipliers = vec![0.0; 0];
-    let mut iterations = 0;
-    let mut outcome = None;
-    for step in 1..=steps {
-        let last = step == steps;
-        let here = if last {
-            pose.clone()
-        } else {
-            pose.scaled(step as f64 / steps as f64)
-        };
-        let load = Load::new(model, &here)?;
-        multipliers.resize(load.contacts.len(), 0.0);
-        carry(&mut x, &carried, &load);
-        carried.clone_from(&load.carried);
-        let looseness = if last { 1.0 } else { PATH_LOOSENESS };
-        let mut stage = Stage {
-            load: &load,
-            preconditioner,
-            multipliers: &mut multipliers,
-            stiffness: params.contact_stiffness,
-            tolerance: params.tolerance * looseness,
-            penetration: 0.5 * params.max_penetration_mm * looseness,
-            budget: params.max_iterations.saturating_sub(iterations),
-        };
-        let result = stage.run(&mut x)?;
-        iterations += result.iterations;
-        outcome = Some(Outcome {
-            iterations,
-            ..result
-        });
+/// A walk along the path of a pose, from neutral to full intensity and beyond.
+pub(crate) struct Walk<'a> {
+    model: &'a FaceModel,
+    pose: &'a Pose,
+    pub(crate) x: Vec<V3>,
+    /// Where skull, jaw and lids carry the nodes.
+    carried: Vec<V3>,
+    /// Intensity.
+    at: f64,
+    /// The place before: motion since then, apart from what carried the nodes, and by how much the intensity grew.
+    last: Option<(Vec<V3>, f64)>,
+    iterations: usize,
+}
+
+impl<'a> Walk<'a> {
+    /// At the neutral face.
+    pub(crate) fn new(model: &'a FaceModel, pose: &'a Pose) -> Self {
+        Self {
+            model,
+            pose,
+            x: model.rest.clone(),
+            carried: model.rest.clone(),
+            at: 0.0,
+            last: None,
+            iterations: 0,
+        }
     }
-    Ok((x, outcome.expect("at least one step")))
+
+    /// Goes on to a higher intensity, in steps no longer than the parameters allow, and solves there. The first guess of
+    /// each step goes on in the direction of the one before.
+    pub(crate) fn go(
+        &mut self,
+        scratch: &mut Scratch,
+        intensity: f64,
+        params: &SolverParams,
+    ) -> Result<(Load<'a>, Outcome), SimError> {
+        let before = self.iterations;
+        let steps = path_steps(&self.pose.scaled(intensity - self.at), params);
+        let start = self.at;
+        for step in 1..=steps {
+            let last = step == steps;
+            let share = step as f64 / steps as f64;
+            let to = start + share * (intensity - start);
+            let load = Load::new(self.model, &self.pose.scaled(to))?;
+            let from = self.x.clone();
+            carry(&mut self.x, &self.carried, &load);
+            if let Some((way, grown)) = &self.last {
+                let growth = (to - self.at) / grown;
+                for ((p, w), moves) in self.x.iter_mut().zip(way).zip(&self.model.template.moving) {
+                    *p = add_scaled(*p, *w, if *moves { growth } else { 0.0 });
+                }
+            }
+            let looseness = if last { 1.0 } else { PATH_LOOSENESS };
+            let mut stage = Stage {
+                load: &load,
+                preconditioner: &mut scratch.preconditioner,
+                lbfgs: &mut scratch.lbfgs,
+                tolerance: params.tolerance * looseness,
+                budget: params
+                    .max_iterations
+                    .saturating_sub(self.iterations - before),
+            };
+            let result = stage.run(&mut self.x)?;
+            self.iterations += result.iterations;
+            let way = (0..from.len())
+                .map(|i| {
+                    let own = sub(self.x[i], from[i]);
+                    sub(own, sub(load.carried[i], self.carried[i]))
+                })
+                .collect();
+            self.last = Some((way, to - self.at));
+            self.carried.clone_from(&load.carried);
+            self.at = to;
+            if last {
+                let outcome = Outcome {
+                    iterations: self.iterations - before,
+                    ..result
+                };
+                return Ok((load, outcome));
+            }
+        }
+        unreachable!("a path has at least one step")
+    }
 }
 
 /// Number of steps of the path from neutral: the larger the motion, the more.
@@ -96,67 +134,93 @@ pub(crate) fn carry(x: &mut [V3], before: &[V3], load: &Load<'_>) {
 struct Stage<'s, 'a> {
     load: &'s Load<'a>,
     preconditioner: &'s mut Preconditioner,
-    multipliers: &'s mut [f64],
-    stiffness: f64,
+    lbfgs: &'s mut Lbfgs,
     tolerance: f64,
-    penetration: f64,
     budget: usize,
+}
+
+/// The energy over the surfaces that nodes rest on.
+struct Resting<'s, 'a> {
+    load: &'s Load<'a>,
+    preconditioner: &'s mut Preconditioner,
+    normals: Vec<V3>,
+    clearance: Clearance,
+}
+
+impl Problem for Resting<'_, '_> {
+    fn evaluate(&mut self, x: &mut [V3], gradient: &mut [V3]) -> f64 {
+        self.load
+            .contacts
+            .settle(x, &self.normals, &mut self.clearance);
+        let energy = self.load.energy(x, gradient);
+        for (g, moves) in gradient.iter_mut().zip(&self.load.model.template.moving) {
+            if !moves {
+                *g = [0.0; 3];
+            }
+        }
+        energy
+    }
+
+    fn inverse(&mut self, gradient: &[V3], out: &mut [V3]) {
+        let system = &self.load.model.template.pattern;
+        self.preconditioner.descend(system, gradient, out);
+    }
+}
+
+impl Resting<'_, '_> {
+    /// Largest force on a moving node that nothing balances, over the reference force.
+    fn force(&self, gradient: &[V3]) -> f64 {
+        let mut largest = 0.0f64;
+        for (g, n) in gradient.iter().zip(&self.normals) {
+            let part = dot(*g, *n);
+            largest = largest.max(norm(add_scaled(*g, *n, -part)));
+        }
+        largest / self.load.model.params.fascia_stiffness
+    }
 }
 
 impl Stage<'_, '_> {
     fn run(&mut self, x: &mut Vec<V3>) -> Result<Outcome, SimError> {
         let mut gradient = vec![[0.0; 3]; x.len()];
-        let mut energy = self.evaluate(x, &mut gradient);
+        let mut problem = Resting {
+            load: self.load,
+            preconditioner: &mut *self.preconditioner,
+            normals: vec![[0.0; 3]; x.len()],
+            clearance: Clearance::default(),
+        };
+        let mut energy = problem.evaluate(x, &mut gradient);
+        let contacts = &self.load.contacts;
         let mut iterations = 0;
-        let mut lbfgs = Lbfgs::default();
-        // Multipliers first: roughly, then exactly once they push with about the right force.
-        let mut inner = self.tolerance.max(ROUGH);
-        let mut converged = false;
-        for _ in 0..MAX_ROUNDS {
-            self.refactor(x)?;
-            lbfgs.reset();
-            let mut stalled = false;
-            let mut since = 0;
-            while self.force(&gradient) > inner && iterations < self.budget {
-                let system = &self.load.model.template.pattern;
-                let preconditioner = &mut *self.preconditioner;
-                let (load, multipliers, stiffness) =
-                    (self.load, &*self.multipliers, self.stiffness);
-                let step = lbfgs.step(
-                    x,
-                    &mut gradient,
-                    &mut energy,
-                    |g, out| preconditioner.descend(system, g, out),
-                    |x, g| total_energy(load, multipliers, stiffness, x, g),
-                );
-                iterations += 1;
-                since += 1;
-                if step == Step::Stalled {
-                    stalled = true;
-                    break;
+        let mut since = usize::MAX;
+        self.lbfgs.reset();
+        let (converged, residual) = loop {
+            contacts.resting(x, &gradient, &problem.clearance, &mut problem.normals);
+            let residual = problem.force(&gradient);
+            if residual <= self.tolerance {
+                break (true, residual);
+            }
+            if iterations >= self.budget {
+                break (false, residual);
+            }
+            if since >= REFACTOR_AFTER {
+                problem
+                    .preconditioner
+                    .factor(self.load, x, &problem.normals)?;
+                since = 0;
+            }
+            let normals = problem.normals.clone();
+            let step = self
+                .lbfgs
+                .step(x, &mut gradient, &mut energy, &normals, &mut problem);
+            iterations += 1;
+            since += 1;
+            if step == Step::Stalled {
+                if since == 1 {
+                    break (false, residual);
                 }
-                if since == REFACTOR_AFTER {
-                    // Contacts that carry have changed by now.
-                    self.refactor(x)?;
-                    lbfgs.reset();
-                    since = 0;
-                }
+                since = usize::MAX;
             }
-            let depth = self.load.contacts.penetration(x);
-            if self.force(&gradient) <= self.tolerance && depth <= self.penetration {
-                converged = true;
-                break;
-            }
-            if iterations >= self.budget || (stalled && depth <= self.penetration) {
-                break;
-            }
-            self.load
-                .contacts
-                .update(x, self.stiffness, self.multipliers);
-            energy = self.evaluate(x, &mut gradient);
-            inner = (0.05 * inner).max(self.tolerance);
-        }
-        let residual = residual(self.load, x, &mut gradient, 0.0);
+        };
         Ok(Outcome {
             residual,
             iterations,
@@ -164,46 +228,4 @@ impl Stage<'_, '_> {
             energy,
         })
     }
-
-    fn evaluate(&self, x: &[V3], gradient: &mut [V3]) -> f64 {
-        total_energy(self.load, self.multipliers, self.stiffness, x, gradient)
-    }
-
-    /// Largest force on a moving node, contact included, over the reference force.
-    fn force(&self, gradient: &[V3]) -> f64 {
-        let moving = &self.load.model.template.moving;
-        let largest = gradient
-            .iter()
-            .zip(moving)
-            .filter(|(_, m)| **m)
-            .map(|(g, _)| norm(*g))
-            .fold(0.0, f64::max);
-        largest / self.load.model.params.fascia_stiffness
-    }
-
-    fn refactor(&mut self, x: &[V3]) -> Result<(), SimError> {
-        let carries: Vec<bool> = (0..self.load.contacts.len())
-            .map(|c| self.multipliers[c] > self.stiffness * self.load.contacts.gap(c, x).value)
-            .collect();
-        self.preconditioner
-            .factor(self.load, x, &carries, self.stiffness)
-    }
-}
-
-/// Elastic energy and augmented Lagrangian of contact; the gradient of nodes that do not move is zero.
-fn total_energy(
-    load: &Load<'_>,
-    multipliers: &[f64],
-    stiffness: f64,
-    x: &[V3],
-    gradient: &mut [V3],
-) -> f64 {
-    let elastic = load.energy(x, gradient);
-    let contact = load.contacts.energy(x, stiffness, multipliers, gradient);
-    for (g, moves) in gradient.iter_mut().zip(&load.model.template.moving) {
-        if !moves {
-            *g = [0.0; 3];
-        }
-    }
-    elastic + contact
 }

@@ -123,8 +123,7 @@ impl State {
                 self.x[i] = add_scaled(self.x[i], half, dt);
             }
         }
-        load.contacts
-            .project(&mut self.x, &mut self.velocity, moving);
+        load.contacts.project(&mut self.x, &mut self.velocity);
         let energy = self.gradient_at(load);
         // Second half of the kick, damping taken implicitly: v = (v_half - dt g / 2m) / (1 + dt gamma / 2m).
         let params = &load.model.params;
@@ -154,10 +153,8 @@ impl State {
     }
 
     fn gradient_at(&mut self, load: &Load<'_>) -> f64 {
-        let moving = &load.model.template.moving;
         let energy = load.energy(&self.x, &mut self.gradient);
-        load.contacts
-            .balance(&self.x, TOUCH_MM, &mut self.gradient, moving);
+        load.contacts.balance(&self.x, TOUCH_MM, &mut self.gradient);
         energy
     }
 }
