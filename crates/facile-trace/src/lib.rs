@@ -25,13 +25,17 @@ pub mod triangle;
 pub mod view;
 pub mod visibility;
 
+mod direct;
 mod error;
 mod gbuffer;
 mod interaction;
 pub mod instructions;
 mod lanes;
 mod packet;
+mod primary;
 mod query;
+mod raster;
+mod surface;
 mod whitted;
 
 pub use camera::Camera;

@@ -5,12 +5,14 @@
 //! go through closures: what is not inlined is compiled without the vector instructions.
 
 mod portable;
+mod vector;
 #[cfg(target_arch = "x86_64")]
 mod x86;
 
 use std::ops::{Add, BitAnd, BitOr, Div, Mul, Not, Sub};
 
 pub(crate) use portable::Portable;
+pub(crate) use vector::V3;
 
 /// Rays in a packet, pixels in a block.
 pub(crate) const LANES: usize = 8;
