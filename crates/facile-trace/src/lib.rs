@@ -27,6 +27,7 @@ pub mod visibility;
 
 mod direct;
 mod error;
+mod footprint;
 mod gbuffer;
 mod interaction;
 pub mod instructions;

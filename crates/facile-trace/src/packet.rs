@@ -49,17 +49,89 @@ impl RayBlock {
             t_max: self.t_max.0[lane],
         }
     }
+}
 
-    /// The lanes whose direction is longest along each axis, see [`crate::triangle::dominant_axis`].
+/// The lanes whose direction is longest along each axis, see [`crate::triangle::dominant_axis`].
+#[inline(always)]
+fn lanes_by_axis<L: Lanes>(direction: &[Eight; 3]) -> [L::Mask; 3] {
+    let zero = L::splat(0.0);
+    let [x, y, z] = direction;
+    let (x, y, z) = (L::load(x), L::load(y), L::load(z));
+    let (x, y, z) = (x.max(zero - x), y.max(zero - y), z.max(zero - z));
+    let along_x = y.le(x) & z.le(x);
+    let along_y = z.le(y) & !along_x;
+    [along_x, along_y, !(along_x | along_y)]
+}
+
+/// Eight rays as the triangle test wants them: each sheared along the axis that its direction is longest along.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct ShearBlock {
+    /// Shear along the first and second axis after the longest one, scale along the longest.
+    shear: [Eight; 3],
+    /// Rays by longest axis; lanes without a ray are in none.
+    pub(crate) by_axis: [u32; 3],
+    /// Axes that occur: from, and to without the end.
+    range: [u8; 2],
+}
+
+impl ShearBlock {
+    /// The rays `wanted` of eight.
+    #[inline(always)]
+    pub(crate) fn new<L: Lanes>(direction: &[Eight; 3], wanted: u32) -> Self {
+        let [is_x, is_y, is_z] = lanes_by_axis::<L>(direction);
+        let [x, y, z] = direction;
+        let (x, y, z) = (L::load(x), L::load(y), L::load(z));
+        let along_z = L::select(is_x, x, L::select(is_y, y, z));
+        let along_x = L::select(is_x, y, L::select(is_y, z, x));
+        let along_y = L::select(is_x, z, L::select(is_y, x, y));
+        let scale = L::splat(1.0) / along_z;
+        let by_axis = [
+            is_x.bits() & wanted,
+            is_y.bits() & wanted,
+            is_z.bits() & wanted,
+        ];
+        let first = by_axis.iter().position(|b| *b != 0).unwrap_or(0);
+        let end = by_axis.iter().rposition(|b| *b != 0).map_or(0, |k| k + 1);
+        Self {
+            shear: [
+                (along_x * scale).store(),
+                (along_y * scale).store(),
+                scale.store(),
+            ],
+            by_axis,
+            range: [first as u8, end as u8],
+        }
+    }
+
+    /// Axes that may occur.
+    #[inline(always)]
+    pub(crate) fn axes(&self) -> std::ops::Range<usize> {
+        usize::from(self.range[0])..usize::from(self.range[1])
+    }
+
+    /// The axes that become `x`, `y`, `z` for a longest axis.
+    #[inline(always)]
+    pub(crate) fn axes_from(axis: usize) -> [usize; 3] {
+        const AXES: [[usize; 3]; 3] = [[1, 2, 0], [2, 0, 1], [0, 1, 2]];
+        AXES[axis]
+    }
+
+    #[inline(always)]
+    pub(crate) fn shear<L: Lanes>(&self) -> [L; 3] {
+        [
+            L::load(&self.shear[0]),
+            L::load(&self.shear[1]),
+            L::load(&self.shear[2]),
+        ]
+    }
+}
+
+impl RayBlock {
+    /// The lanes whose direction is longest along each axis.
     #[inline(always)]
     pub(crate) fn lanes_by_axis<L: Lanes>(&self) -> [u32; 3] {
-        let zero = L::splat(0.0);
-        let [x, y, z] = &self.direction;
-        let (x, y, z) = (L::load(x), L::load(y), L::load(z));
-        let (x, y, z) = (x.max(zero - x), y.max(zero - y), z.max(zero - z));
-        let along_x = (y.le(x) & z.le(x)).bits();
-        let along_y = z.le(y).bits() & !along_x;
-        [along_x, along_y, !(along_x | along_y) & 0xFF]
+        let [x, y, z] = lanes_by_axis::<L>(&self.direction);
+        [x.bits(), y.bits(), z.bits()]
     }
 }
 
@@ -151,7 +223,7 @@ impl<L: Lanes> Packet<L> {
     /// The packet of the lanes `bits` of a block, all of whose directions are longest along `axis`.
     #[inline(always)]
     pub(crate) fn new(block: &RayBlock, axis: usize, bits: u32) -> Self {
-        let axes = [(axis + 1) % 3, (axis + 2) % 3, axis];
+        let axes = ShearBlock::axes_from(axis);
         let one = L::splat(1.0);
         let shear_z = one / L::load(&block.direction[axes[2]]);
         let origin = [

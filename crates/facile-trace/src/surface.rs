@@ -6,7 +6,7 @@ use facile_core::Texture;
 use facile_core::color::LINEAR_FROM_SRGB8;
 
 use crate::interaction::{Interaction, diffuse_weight};
-use crate::lanes::{Eight, Kernel, LANES, LaneMask, Lanes, V3, lanes_of, run};
+use crate::lanes::{Eight, Kernel, LANES, LaneMask, Lanes, V3, run};
 use crate::material::Albedo;
 use crate::math::{Rgb, Vec3};
 use crate::object::Object;
@@ -318,11 +318,6 @@ fn four_texels(
         linear(texels[bottom + x1]),
     ];
     (found, [x - x_floor, y - y_floor])
-}
-
-/// The lanes of a block that are hits.
-pub(crate) fn hit_lanes(block: &SurfaceBlock) -> impl Iterator<Item = usize> {
-    lanes_of(block.hit)
 }
 
 /// One lane of three coordinates.

@@ -74,6 +74,16 @@ impl Lanes for Portable {
     }
 
     #[inline(always)]
+    fn to_i32(self) -> [i32; LANES] {
+        self.0.map(|v| v as i32)
+    }
+
+    #[inline(always)]
+    fn trunc(self) -> Self {
+        Self(self.0.map(|v| v as i32 as f32))
+    }
+
+    #[inline(always)]
     fn lt(self, other: Self) -> PortableMask {
         PortableMask(from_fn(|k| self.0[k] < other.0[k]))
     }

@@ -11,7 +11,7 @@
 use std::arch::x86_64::*;
 use std::ops::{Add, BitAnd, BitOr, Div, Mul, Not, Sub};
 
-use super::{Eight, Kernel, LaneMask, Lanes};
+use super::{Eight, Kernel, LANES, LaneMask, Lanes};
 
 /// Runs a kernel with AVX2.
 ///
@@ -178,6 +178,20 @@ impl Lanes for Avx2 {
     }
 
     #[inline(always)]
+    fn to_i32(self) -> [i32; LANES] {
+        let mut out = [0; LANES];
+        // SAFETY: as for `splat`; `out` holds the eight numbers of an unaligned store.
+        unsafe { _mm256_storeu_si256(out.as_mut_ptr().cast(), _mm256_cvttps_epi32(self.0)) };
+        out
+    }
+
+    #[inline(always)]
+    fn trunc(self) -> Self {
+        // SAFETY: values of this type occur only behind the check of `run_avx2`.
+        Self(unsafe { _mm256_cvtepi32_ps(_mm256_cvttps_epi32(self.0)) })
+    }
+
+    #[inline(always)]
     fn select(mask: Self, yes: Self, no: Self) -> Self {
         // SAFETY: values of this type occur only behind the check of `run_avx2`.
         Self(unsafe { _mm256_blendv_ps(no.0, yes.0, mask.0) })
@@ -233,6 +247,28 @@ impl Lanes for Sse2 {
     fn sqrt(self) -> Self {
         // SAFETY: every x86-64 processor has SSE2.
         unsafe { Self(_mm_sqrt_ps(self.0), _mm_sqrt_ps(self.1)) }
+    }
+
+    #[inline(always)]
+    fn to_i32(self) -> [i32; LANES] {
+        let mut out = [0_i32; LANES];
+        // SAFETY: `out` holds the eight numbers of two unaligned stores.
+        unsafe {
+            _mm_storeu_si128(out.as_mut_ptr().cast(), _mm_cvttps_epi32(self.0));
+            _mm_storeu_si128(out.as_mut_ptr().add(4).cast(), _mm_cvttps_epi32(self.1));
+        }
+        out
+    }
+
+    #[inline(always)]
+    fn trunc(self) -> Self {
+        // SAFETY: every x86-64 processor has SSE2.
+        unsafe {
+            Self(
+                _mm_cvtepi32_ps(_mm_cvttps_epi32(self.0)),
+                _mm_cvtepi32_ps(_mm_cvttps_epi32(self.1)),
+            )
+        }
     }
 
     #[inline(always)]
