@@ -29,12 +29,11 @@ impl PendingShadows {
     }
 }
 
-/// Adds to `pending` what each light gives the points of `block`, whose first is sample `first`.
+/// Adds to `pending` what a light gives each surface.
 pub(crate) struct Gather<'a> {
-    pub(crate) lights: &'a [Light],
+    pub(crate) light: &'a Light,
     pub(crate) offset: f32,
-    pub(crate) block: &'a SurfaceBlock,
-    pub(crate) first: u32,
+    pub(crate) surfaces: &'a [SurfaceBlock],
     pub(crate) pending: &'a mut PendingShadows,
 }
 
@@ -50,61 +49,72 @@ impl Kernel for Gather<'_> {
 
     #[inline(always)]
     fn run<L: Lanes>(self) {
-        let block = self.block;
-        let lifted = V3::<L>::load(&block.lifted);
-        let normal = V3::<L>::load(&block.normal);
-        let view = V3::<L>::load(&block.view);
-        let diffuse = V3::<L>::load(&block.albedo).scale(L::load(&block.weight));
-        let specular = L::load(&block.specular);
-        let has_highlight = L::splat(0.0).lt(specular).bits() & block.hit != 0;
-        let start = lifted + V3::load(&block.flat_normal).scale(L::splat(self.offset));
-        for light in self.lights {
-            let Some(arrival) = arrivals::<L>(light, lifted) else {
-                continue;
-            };
-            let zero = L::splat(0.0);
-            let cosine = normal.dot(arrival.direction);
-            let lit = arrival.any & zero.lt(cosine) & L::Mask::from_bits(block.hit);
-            if !lit.any() {
-                continue;
-            }
-            let mut share = diffuse;
-            if has_highlight {
-                let mirrored = normal.scale(L::splat(2.0) * cosine) - arrival.direction;
-                let glow = highlights::<L>(block, mirrored.dot(view));
-                let glow = L::select(zero.lt(specular), glow, zero);
-                share = share + V3([glow, glow, glow]);
-            }
-            let [r, g, b] = share.0;
-            let lit = (lit & zero.lt(r.max(g).max(b))).bits();
-            if lit == 0 {
-                continue;
-            }
-            let contribution = (share * arrival.power).scale(cosine).store();
-            let (direction, t_max) = match light.position() {
-                Some(position) => (V3::splat(position.into()) - start, 1.0),
-                None => (arrival.direction, f32::INFINITY),
-            };
-            let (start, direction) = (start.store(), direction.store());
-            for k in lanes_of(lit) {
-                let slot = self.pending.list.len() % LANES;
-                if slot == 0 {
-                    self.pending.blocks.push(RayBlock::default());
-                }
-                if let Some(rays) = self.pending.blocks.last_mut() {
-                    for axis in 0..3 {
-                        rays.origin[axis].0[slot] = start[axis].0[k];
-                        rays.direction[axis].0[slot] = direction[axis].0[k];
-                    }
-                    rays.t_max.0[slot] = t_max;
-                }
-                let [r, g, b] = [0, 1, 2].map(|c| contribution[c].0[k]);
-                self.pending.list.push(PendingShadow {
-                    sample: self.first + k as u32,
-                    contribution: Rgb::new(r, g, b),
-                });
-            }
+        for (index, block) in self.surfaces.iter().enumerate() {
+            gather::<L>(self.light, self.offset, block, index * LANES, self.pending);
         }
+    }
+}
+
+/// Adds what a light gives the points of `block`, whose first is sample `first`.
+#[inline(always)]
+fn gather<L: Lanes>(
+    light: &Light,
+    offset: f32,
+    block: &SurfaceBlock,
+    first: usize,
+    pending: &mut PendingShadows,
+) {
+    let lifted = V3::<L>::load(&block.lifted);
+    let Some(arrival) = arrivals::<L>(light, lifted) else {
+        return;
+    };
+    // Leave out what faces away
+    let zero = L::splat(0.0);
+    let normal = V3::<L>::load(&block.normal);
+    let cosine = normal.dot(arrival.direction);
+    let lit = arrival.any & zero.lt(cosine) & L::Mask::from_bits(block.hit);
+    if !lit.any() {
+        return;
+    }
+    // Add the highlight to the diffuse colour
+    let mut share = V3::<L>::load(&block.albedo).scale(L::load(&block.weight));
+    let specular = L::load(&block.specular);
+    if zero.lt(specular).bits() & block.hit != 0 {
+        let mirrored = normal.scale(L::splat(2.0) * cosine) - arrival.direction;
+        let glow = highlights::<L>(block, mirrored.dot(V3::load(&block.view)));
+        let glow = L::select(zero.lt(specular), glow, zero);
+        share = share + V3([glow, glow, glow]);
+    }
+    let [r, g, b] = share.0;
+    let lit = (lit & zero.lt(r.max(g).max(b))).bits();
+    // Send a ray to the light
+    let contribution = (share * arrival.power).scale(cosine).store();
+    let start = lifted + V3::load(&block.flat_normal).scale(L::splat(offset));
+    let (direction, t_max) = match light.position() {
+        Some(position) => (V3::splat(position.into()) - start, 1.0),
+        None => (arrival.direction, f32::INFINITY),
+    };
+    let (start, direction) = (start.store(), direction.store());
+    for k in lanes_of(lit) {
+        let slot = pending.list.len() % LANES;
+        if slot == 0 {
+            pending.blocks.push(RayBlock::default());
+        }
+        if let Some(rays) = pending.blocks.last_mut() {
+            for axis in 0..3 {
+                rays.origin[axis].0[slot] = start[axis].0[k];
+                rays.direction[axis].0[slot] = direction[axis].0[k];
+            }
+            rays.t_max.0[slot] = t_max;
+        }
+        pending.list.push(PendingShadow {
+            sample: (first + k) as u32,
+            contribution: Rgb::new(
+                contribution[0].0[k],
+                contribution[1].0[k],
+                contribution[2].0[k],
+            ),
+        });
     }
 }
 
@@ -191,20 +201,30 @@ fn whole_power<L: Lanes>(x: L, n: u32) -> L {
     result
 }
 
-/// The light of all ambient sources on each point of a block.
+/// Sets colours to the light of all ambient sources, and to the background where nothing is hit.
 pub(crate) struct Ambient<'a> {
     pub(crate) sum: Rgb,
-    pub(crate) block: &'a SurfaceBlock,
+    pub(crate) background: Rgb,
+    pub(crate) surfaces: &'a [SurfaceBlock],
+    pub(crate) colors: &'a mut [Rgb],
 }
 
 impl Kernel for Ambient<'_> {
-    type Output = [Eight; 3];
+    type Output = ();
 
     #[inline(always)]
-    fn run<L: Lanes>(self) -> [Eight; 3] {
-        let share = L::load(&self.block.weight) * L::load(&self.block.exposure);
-        (V3::<L>::load(&self.block.albedo) * V3::splat(self.sum.into()))
-            .scale(share)
-            .store()
+    fn run<L: Lanes>(self) {
+        for (block, colors) in self.surfaces.iter().zip(self.colors.chunks_mut(LANES)) {
+            let share = L::load(&block.weight) * L::load(&block.exposure);
+            let light = (V3::<L>::load(&block.albedo) * V3::splat(self.sum.into())).scale(share);
+            let [r, g, b] = light.store();
+            for (k, color) in colors.iter_mut().enumerate() {
+                *color = if block.hit >> k & 1 == 1 {
+                    Rgb::new(r.0[k], g.0[k], b.0[k])
+                } else {
+                    self.background
+                };
+            }
+        }
     }
 }

@@ -84,6 +84,11 @@ impl Projection {
         }
     }
 
+    /// Where lines meet, or any point for parallel lines, mm.
+    pub(crate) fn origin(&self) -> Vec3 {
+        self.origin.coords.cast::<f32>()
+    }
+
     /// Whether a box of the world lies in front of the point by enough to be projected. Always for parallel lines.
     pub(crate) fn is_in_front(&self, (min, max): (Vec3, Vec3)) -> bool {
         if self.parallel.is_some() {

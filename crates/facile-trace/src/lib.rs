@@ -36,6 +36,7 @@ mod packet;
 mod primary;
 mod query;
 mod raster;
+mod shadow_cells;
 mod surface;
 mod whitted;
 

@@ -5,11 +5,13 @@
 
 use crate::bvh::Node;
 use crate::lanes::{Eight, Kernel, LANES, LaneMask, Lanes, lanes_of, run};
+use crate::light::Light;
 use crate::math::Rgb;
 use crate::object::Object;
 use crate::packet::{Packet, RayBlock};
 use crate::ray::{Hit, Ray};
 use crate::scene::{Layer, Scene};
+use crate::shadow_cells;
 
 /// An object with its box in the world.
 struct Candidate<'a> {
@@ -52,12 +54,34 @@ impl Scene {
         });
     }
 
-    /// Sets bit `k` of `blocked[i]` where lane `k` of `blocks[i]` meets anything opaque, and of no other lane.
-    pub(crate) fn blocked(&self, blocks: &[RayBlock], blocked: &mut Vec<u32>) {
+    /// Sets bit `k` of `blocked[i]` where lane `k` of `blocks[i]` meets anything opaque. The first `count` lanes hold
+    /// rays, all of them to `light` if one is given.
+    pub(crate) fn blocked(
+        &self,
+        light: Option<&Light>,
+        blocks: &[RayBlock],
+        count: usize,
+        blocked: &mut Vec<u32>,
+    ) {
         blocked.clear();
+        blocked.resize(blocks.len(), 0);
+        let mut candidates = self.candidates(|o| o.is_visible && !o.is_transparent());
+        let image = light.and_then(|light| shadow_cells::image_of(light, blocks, count));
+        if let Some(image) = image {
+            let drawn: Vec<&Object> = candidates
+                .iter()
+                .map(|c| c.object)
+                .filter(|o| shadow_cells::suits(o, &image, count))
+                .collect();
+            if !drawn.is_empty() {
+                shadow_cells::block(&drawn, &image, blocks, count, blocked);
+                candidates.retain(|c| !shadow_cells::suits(c.object, &image, count));
+            }
+        }
         run(Blocked {
-            candidates: &mut self.candidates(|o| o.is_visible && !o.is_transparent()),
+            candidates: &mut candidates,
             blocks,
+            count,
             blocked,
         });
     }
@@ -70,7 +94,7 @@ impl Scene {
             blocks[i / LANES].set(i % LANES, ray);
         }
         let mut blocked = Vec::new();
-        self.blocked(&blocks, &mut blocked);
+        self.blocked(None, &blocks, rays.len(), &mut blocked);
         let has_transparency = self.has_transparency();
         shares.extend(rays.iter().enumerate().map(|(i, ray)| {
             if blocked[i / LANES] >> (i % LANES) & 1 == 1 {
@@ -179,7 +203,8 @@ fn closest_of_block<L: Lanes>(
 struct Blocked<'a, 'b> {
     candidates: &'a mut [Candidate<'b>],
     blocks: &'a [RayBlock],
-    blocked: &'a mut Vec<u32>,
+    count: usize,
+    blocked: &'a mut [u32],
 }
 
 impl Kernel for Blocked<'_, '_> {
@@ -187,10 +212,13 @@ impl Kernel for Blocked<'_, '_> {
 
     #[inline(always)]
     fn run<L: Lanes>(self) {
-        for block in self.blocks {
-            let mut blocked = 0;
+        if self.candidates.is_empty() {
+            return;
+        }
+        for (index, (block, blocked)) in self.blocks.iter().zip(self.blocked).enumerate() {
+            let present = 0xFF >> (LANES - (self.count - index * LANES).min(LANES));
             for candidate in &mut *self.candidates {
-                let wanted = !blocked & 0xFF;
+                let wanted = !*blocked & present;
                 if wanted == 0 {
                     break;
                 }
@@ -209,10 +237,9 @@ impl Kernel for Blocked<'_, '_> {
                 };
                 for_each_packet!(L, block, bits, packet => {
                     let last = &mut candidate.last_blocker;
-                    blocked |= object.bvh.any_hits(&packet, last).bits();
+                    *blocked |= object.bvh.any_hits(&packet, last).bits();
                 });
             }
-            self.blocked.push(blocked);
         }
     }
 }

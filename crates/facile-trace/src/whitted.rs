@@ -9,13 +9,13 @@ use std::time::{Duration, Instant};
 
 use crate::direct::{Ambient, Gather, PendingShadows};
 use crate::interaction::{Interaction, diffuse_weight};
-use crate::lanes::{LANES, run};
+use crate::lanes::{LANES, lanes_of, run};
 use crate::light::{Arrival, Light};
 use crate::material::{Material, Transmission};
 use crate::math::{Rgb, Vec3, power, unit_or};
 use crate::ray::{Hit, Ray};
 use crate::scene::{Layer, Scene};
-use crate::surface::{self, SurfaceBlock};
+use crate::surface::SurfaceBlock;
 
 /// A scene under lights, ready to shade.
 pub(crate) struct Shader<'a> {
@@ -46,9 +46,6 @@ pub(crate) struct Samples<'a> {
     pub(crate) directions: &'a [[f32; 3]],
 }
 
-/// Shadow rays that are traced together: bounds the buffers, whatever the number of lights.
-const SHADOW_BATCH: usize = 4096;
-
 impl Shader<'_> {
     /// Shades primary samples into `colors`; `shadow` gets the share of directed light that arrives, 1 without any.
     pub(crate) fn shade_batch(
@@ -65,23 +62,16 @@ impl Shader<'_> {
             shadow.fill(0.0);
             scratch.possible.resize(samples.hits.len(), 0.0);
         }
-        for (index, block) in samples.surfaces.iter().enumerate() {
-            self.shade_unshadowed(block, index * LANES, samples, colors);
-            // Gather the light that needs shadow rays
-            for lights in self.lights.chunks(SHADOW_BATCH / LANES) {
-                run(Gather {
-                    lights,
-                    offset: self.offset,
-                    block,
-                    first: (index * LANES) as u32,
-                    pending: &mut scratch.pending,
-                });
-                if scratch.pending.list.len() > SHADOW_BATCH {
-                    self.resolve_shadows(colors, shadow.as_deref_mut(), scratch);
-                }
-            }
+        self.shade_unshadowed(samples, colors);
+        for light in self.lights {
+            run(Gather {
+                light,
+                offset: self.offset,
+                surfaces: samples.surfaces,
+                pending: &mut scratch.pending,
+            });
+            self.resolve_shadows(light, colors, shadow.as_deref_mut(), scratch);
         }
-        self.resolve_shadows(colors, shadow.as_deref_mut(), scratch);
         for (arrived, possible) in shadow.into_iter().flatten().zip(&scratch.possible) {
             *arrived = if *possible > 0.0 {
                 *arrived / possible
@@ -91,46 +81,38 @@ impl Shader<'_> {
         }
     }
 
-    /// Sets the colours of a block to the light that needs no shadow ray.
-    fn shade_unshadowed(
-        &self,
-        block: &SurfaceBlock,
-        first: usize,
-        samples: Samples<'_>,
-        colors: &mut [Rgb],
-    ) {
-        let ambient = run(Ambient {
+    /// Sets the colours to the light that needs no shadow ray.
+    fn shade_unshadowed(&self, samples: Samples<'_>, colors: &mut [Rgb]) {
+        run(Ambient {
             sum: self.ambient_sum(),
-            block,
+            background: self.scene.background,
+            surfaces: samples.surfaces,
+            colors,
         });
-        let last = (first + LANES).min(colors.len());
-        for (lane, color) in colors[first..last].iter_mut().enumerate() {
-            if block.hit >> lane & 1 == 0 {
-                *color = self.scene.background;
-                continue;
-            }
-            *color = Rgb::zeros();
-            if block.spawns >> lane & 1 == 1 {
-                let direction = Vec3::from(samples.directions[first + lane]);
-                let ray = Ray::new(Vec3::zeros(), direction);
-                let point = Interaction::new(self.scene, &ray, &samples.hits[first + lane]);
+        for (index, block) in samples.surfaces.iter().enumerate() {
+            for lane in lanes_of(block.spawns) {
+                let i = index * LANES + lane;
+                let ray = Ray::new(Vec3::zeros(), Vec3::from(samples.directions[i]));
+                let point = Interaction::new(self.scene, &ray, &samples.hits[i]);
                 let material = point.object.material(point.triangle);
-                *color = self.secondary(&point, material, 0);
+                colors[i] = self.secondary(&point, material, 0) + colors[i];
             }
-            *color += surface::lane(&ambient, lane);
         }
     }
 
     /// Traces the pending shadow rays and adds what arrives.
     fn resolve_shadows(
         &self,
+        light: &Light,
         colors: &mut [Rgb],
         mut shadow: Option<&mut [f32]>,
         scratch: &mut ShadeScratch,
     ) {
         let start = Instant::now();
         let pending = &scratch.pending;
-        self.scene.blocked(&pending.blocks, &mut scratch.blocked);
+        let count = pending.list.len();
+        self.scene
+            .blocked(Some(light), &pending.blocks, count, &mut scratch.blocked);
         let has_transparency = self.scene.has_transparency();
         for (i, shadowed) in pending.list.iter().enumerate() {
             let sample = shadowed.sample as usize;
