@@ -2,7 +2,7 @@
 //!
 //! The same operations as the scalar [`crate::whitted`], which lights what secondary rays hit.
 
-use crate::lanes::{Eight, Kernel, LANES, LaneMask, Lanes, V3, lanes_of};
+use crate::lanes::{Kernel, LANES, LaneMask, Lanes, V3, lanes_of};
 use crate::light::Light;
 use crate::math::{Rgb, power};
 use crate::packet::RayBlock;
@@ -180,9 +180,8 @@ fn highlights<L: Lanes>(block: &SurfaceBlock, cos_alpha: L) -> L {
         }
         L::load(&powers)
     };
-    let scale = L::load(&block.specular)
-        * (L::load(&block.shininess) + L::splat(2.0))
-        * L::splat(0.5);
+    let scale =
+        L::load(&block.specular) * (L::load(&block.shininess) + L::splat(2.0)) * L::splat(0.5);
     let zero = L::splat(0.0);
     L::select(zero.lt(cos_alpha), scale * powers, zero)
 }

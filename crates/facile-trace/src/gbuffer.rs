@@ -112,12 +112,13 @@ impl GBuffer {
         };
         let segment_id = |h: &Hit| scene.objects()[h.object as usize].segment_at(h).id();
         let wants_normal = truth.normal_in_world || truth.normal_in_camera;
-        let normal_in_world = fill.plane(wants_normal, centers.hits, [0.0; 3], |i, h| {
-            match centers.surfaces.get(i / LANES) {
-                Some(block) => surface::lane(&block.normal, i % LANES).into(),
-                None => shading_normal(scene, camera, centers.pixels[i], h).into(),
-            }
-        });
+        let normal_in_world =
+            fill.plane(wants_normal, centers.hits, [0.0; 3], |i, h| {
+                match centers.surfaces.get(i / LANES) {
+                    Some(block) => surface::lane(&block.normal, i % LANES).into(),
+                    None => shading_normal(scene, camera, centers.pixels[i], h).into(),
+                }
+            });
         let rotation = camera.camera_from_world().cast::<f32>();
         let normal_in_camera = normal_in_world
             .as_ref()

@@ -33,7 +33,9 @@ impl<'a> Interaction<'a> {
     pub(crate) fn new(scene: &'a Scene, ray: &Ray, hit: &Hit) -> Self {
         let object = &scene.objects()[hit.object as usize];
         let geometry = &object.geometry;
-        let corners = geometry.corners(hit.triangle).map(|p| object.point_in_world(p));
+        let corners = geometry
+            .corners(hit.triangle)
+            .map(|p| object.point_in_world(p));
         let weights = hit.barycentric();
         let blend = |v: [Vec3; 3]| v[0] * weights[0] + v[1] * weights[1] + v[2] * weights[2];
         let position = blend(corners);

@@ -185,10 +185,12 @@ pub(crate) fn meet_sheared<L: Lanes>(
     let mut v = ax * cy - ay * cx;
     let mut w = bx * ay - by * ax;
     let zero = L::splat(0.0);
-    let negative = u.lt(zero) | v.lt(zero) | w.lt(zero);
-    let positive = zero.lt(u) | zero.lt(v) | zero.lt(w);
-    let on_edge = ((u.eq(zero) | v.eq(zero) | w.eq(zero)) & active).bits();
-    let mut inside = active & !(negative & positive);
+    let mixed = u.min(v).min(w).lt(zero) & zero.lt(u.max(v).max(w));
+    let mut inside = active & !mixed;
+    if !inside.any() {
+        return None;
+    }
+    let on_edge = ((u.eq(zero) | v.eq(zero) | w.eq(zero)) & inside).bits();
     if on_edge != 0 {
         let (mut us, mut vs, mut ws) = (u.store(), v.store(), w.store());
         let [ax, ay, bx, by] = [ax.store().0, ay.store().0, bx.store().0, by.store().0];
@@ -199,12 +201,8 @@ pub(crate) fn meet_sheared<L: Lanes>(
             ws.0[k] = edge_function(bx[k], ay[k], by[k], ax[k]);
         }
         (u, v, w) = (L::load(&us), L::load(&vs), L::load(&ws));
-        let negative = u.lt(zero) | v.lt(zero) | w.lt(zero);
-        let positive = zero.lt(u) | zero.lt(v) | zero.lt(w);
-        inside = active & !(negative & positive);
-    }
-    if !inside.any() {
-        return None;
+        let mixed = u.min(v).min(w).lt(zero) & zero.lt(u.max(v).max(w));
+        inside = inside & !mixed;
     }
     let determinant = u + v + w;
     let met = inside & !determinant.eq(zero);
@@ -276,9 +274,21 @@ impl<L: Lanes> Packet<L> {
         let [a, b, c] = corners;
         let meeting = meet_sheared(
             [
-                [L::splat(a[x]) - ox, L::splat(a[y]) - oy, L::splat(a[z]) - oz],
-                [L::splat(b[x]) - ox, L::splat(b[y]) - oy, L::splat(b[z]) - oz],
-                [L::splat(c[x]) - ox, L::splat(c[y]) - oy, L::splat(c[z]) - oz],
+                [
+                    L::splat(a[x]) - ox,
+                    L::splat(a[y]) - oy,
+                    L::splat(a[z]) - oz,
+                ],
+                [
+                    L::splat(b[x]) - ox,
+                    L::splat(b[y]) - oy,
+                    L::splat(b[z]) - oz,
+                ],
+                [
+                    L::splat(c[x]) - ox,
+                    L::splat(c[y]) - oy,
+                    L::splat(c[z]) - oz,
+                ],
             ],
             &self.shear,
             self.active,
@@ -459,7 +469,11 @@ impl Bvh {
                 continue;
             }
             for child in [node.first + 1, node.first] {
-                if packet.enter(&self.nodes[child as usize], packet.t_max).0.any() {
+                if packet
+                    .enter(&self.nodes[child as usize], packet.t_max)
+                    .0
+                    .any()
+                {
                     stack[height] = child;
                     height += 1;
                 }

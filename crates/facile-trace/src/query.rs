@@ -125,7 +125,10 @@ macro_rules! for_each_packet {
 /// The lanes `bits` of a block that meet an object's box in the world before `ends`.
 #[inline(always)]
 fn near_box<L: Lanes>(block: &RayBlock, bits: u32, bounds: &Node, ends: L) -> u32 {
-    Packet::<L>::new(block, 0, bits).enter(bounds, ends).0.bits()
+    Packet::<L>::new(block, 0, bits)
+        .enter(bounds, ends)
+        .0
+        .bits()
 }
 
 /// A block in an object's frame.

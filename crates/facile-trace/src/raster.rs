@@ -88,7 +88,10 @@ pub(crate) fn draw(
         let corner = grid.corner(index);
         for (lane, hit) in block.hits.iter().enumerate() {
             if hit.object != NO_OBJECT {
-                let pixel = [corner[0] + lane % BLOCK_WIDTH, corner[1] + lane / BLOCK_WIDTH];
+                let pixel = [
+                    corner[0] + lane % BLOCK_WIDTH,
+                    corner[1] + lane / BLOCK_WIDTH,
+                ];
                 let hit = Hit {
                     t: block.t.0[lane],
                     object: hit.object,
@@ -118,8 +121,8 @@ impl Grid {
             return 0xFF;
         }
         (0..LANES).fold(0, |bits, lane| {
-            let is_inside = x + lane % BLOCK_WIDTH < self.bounds[2]
-                && y + lane / BLOCK_WIDTH < self.bounds[3];
+            let is_inside =
+                x + lane % BLOCK_WIDTH < self.bounds[2] && y + lane / BLOCK_WIDTH < self.bounds[3];
             bits | u32::from(is_inside) << lane
         })
     }
@@ -293,7 +296,8 @@ impl Canvas<'_> {
                         for lane in lanes_of(near) {
                             let old = &block.hits[lane];
                             // Of equal distances the lower object, then the lower triangle wins
-                            let is_later = old.object != self.object || old.triangle < patch.triangle;
+                            let is_later =
+                                old.object != self.object || old.triangle < patch.triangle;
                             if t.0[lane] >= block.t.0[lane] && is_later {
                                 continue;
                             }

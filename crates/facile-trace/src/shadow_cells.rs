@@ -155,7 +155,9 @@ impl Block<'_> {
         let boxes = self.objects.iter().filter_map(|o| o.bounds_in_world());
         let corners = boxes.flat_map(|(min, max)| [min, max]);
         let origin = self.image.origin();
-        let of_objects = corners.map(|c| (c - origin).abs().norm()).fold(0.0, f32::max);
+        let of_objects = corners
+            .map(|c| (c - origin).abs().norm())
+            .fold(0.0, f32::max);
         // Rays start on the objects, or somewhere near them
         2.0 * of_objects
     }

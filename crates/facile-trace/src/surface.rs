@@ -2,14 +2,12 @@
 //!
 //! The same operations as the scalar [`crate::interaction`], which secondary rays use: each lane gives its bits.
 
-use facile_core::Texture;
 use facile_core::color::LINEAR_FROM_SRGB8;
 
 use crate::interaction::{Interaction, diffuse_weight};
 use crate::lanes::{Eight, Kernel, LANES, LaneMask, Lanes, V3, run};
-use crate::material::Albedo;
+use crate::material::{Albedo, Material};
 use crate::math::{Rgb, Vec3};
-use crate::object::Object;
 use crate::ray::{Hit, Ray};
 use crate::scene::Scene;
 
@@ -72,10 +70,19 @@ impl Kernel for Surfaces<'_> {
         let table: &[f32; 256] = &LINEAR_FROM_SRGB8;
         let mut gathered = Gathered::default();
         for (hits, directions) in self.hits.chunks(LANES).zip(self.directions.chunks(LANES)) {
-            gathered.fill(self.scene, hits, directions, table);
-            self.out.push(gathered.surface::<L>());
+            let materials = gathered.fill(self.scene, hits, directions);
+            let texels = gathered.fetch_texels::<L>(&materials, hits, self.scene, table);
+            self.out.push(gathered.surface::<L>(&texels));
         }
     }
+}
+
+/// What eight colours are mixed from: four texels, or one value four times.
+#[derive(Default)]
+struct Texels {
+    corners: [[Eight; 3]; 4],
+    fraction: [Eight; 2],
+    tint: [Eight; 3],
 }
 
 /// What is fetched for eight hits. Idle lanes keep what they held.
@@ -85,9 +92,8 @@ struct Gathered {
     direction: [Eight; 3],
     u: Eight,
     v: Eight,
-    texels: [[Eight; 3]; 4],
-    fraction: [Eight; 2],
-    tint: [Eight; 3],
+    /// Texture coordinates of the corners.
+    texcoords: [[Eight; 2]; 3],
     weight: Eight,
     exposure: Eight,
     specular: Eight,
@@ -106,9 +112,7 @@ impl Default for Gathered {
             direction: [zero; 3],
             u: zero,
             v: zero,
-            texels: [[zero; 3]; 4],
-            fraction: [zero; 2],
-            tint: [zero; 3],
+            texcoords: [[zero; 2]; 3],
             weight: zero,
             exposure: zero,
             specular: zero,
@@ -121,14 +125,15 @@ impl Default for Gathered {
 }
 
 impl Gathered {
+    /// Fetches vertices and materials, and returns the materials.
     #[inline(always)]
-    fn fill(
+    fn fill<'a>(
         &mut self,
-        scene: &Scene,
+        scene: &'a Scene,
         hits: &[Hit],
         directions: &[[f32; 3]],
-        table: &[f32; 256],
-    ) {
+    ) -> [Option<&'a Material>; LANES] {
+        let mut materials = [None; LANES];
         (self.hit, self.smooth, self.spawns) = (0, 0, 0);
         for (lane, (hit, direction)) in hits.iter().zip(directions).enumerate() {
             if !hit.is_some() {
@@ -140,12 +145,10 @@ impl Gathered {
             let triangle = geometry.triangles[hit.triangle as usize];
             let has_normals = !geometry.normals.is_empty();
             self.smooth |= u32::from(has_normals) << lane;
-            for (k, v) in triangle.into_iter().enumerate() {
-                let mut corner = geometry.positions[v as usize];
-                let mut normal = Vec3::zeros();
-                if has_normals {
-                    normal = geometry.normals[v as usize];
-                }
+            for k in 0..3 {
+                let v = triangle[k] as usize;
+                let mut corner = geometry.positions[v];
+                let mut normal = geometry.normals.get(v).copied().unwrap_or_default();
                 if object.world_from_object.is_some() {
                     corner = object.point_in_world(corner);
                     normal = object.vector_in_world(normal);
@@ -155,12 +158,23 @@ impl Gathered {
                     self.normals[k][axis].0[lane] = normal[axis];
                 }
             }
+            if let Some(texcoords) = geometry.texcoords.get(hit.triangle as usize) {
+                for k in 0..3 {
+                    self.texcoords[k][0].0[lane] = texcoords[k][0];
+                    self.texcoords[k][1].0[lane] = texcoords[k][1];
+                }
+            } else {
+                for k in 0..3 {
+                    self.texcoords[k][0].0[lane] = 0.5;
+                    self.texcoords[k][1].0[lane] = 0.5;
+                }
+            }
             for axis in 0..3 {
                 self.direction[axis].0[lane] = direction[axis];
             }
             (self.u.0[lane], self.v.0[lane]) = (hit.u, hit.v);
-            self.fill_color(lane, object, hit, table);
             let material = object.material(hit.triangle);
+            materials[lane] = Some(material);
             self.exposure.0[lane] = material.exposure;
             self.specular.0[lane] = material.specular;
             self.shininess.0[lane] = material.shininess;
@@ -173,45 +187,87 @@ impl Gathered {
                 self.weight.0[lane] = diffuse_weight(&point, material);
             }
         }
+        materials
     }
 
-    /// Fetches what the colour is mixed from: four texels, or one value four times.
+    /// Fetches what the colours are mixed from, as [`facile_core::Texture::sample`] does.
     #[inline(always)]
-    fn fill_color(&mut self, lane: usize, object: &Object, hit: &Hit, table: &[f32; 256]) {
-        let geometry = &object.geometry;
-        let (texels, fraction, tint) = match &object.material(hit.triangle).albedo {
-            Albedo::Texture { texture, tint } => {
-                let [a, b, c] = hit.barycentric();
-                let uv = match geometry.texcoords.get(hit.triangle as usize) {
-                    Some([p, q, r]) => [
-                        p[0] * a + q[0] * b + r[0] * c,
-                        p[1] * a + q[1] * b + r[1] * c,
-                    ],
-                    None => [0.5; 2],
-                };
-                let (texels, fraction) = four_texels(texture, uv, table);
-                (texels, fraction, *tint)
-            }
-            Albedo::Constant(color) => ([(*color).into(); 4], [0.0; 2], Rgb::repeat(1.0)),
-            Albedo::VertexColor => {
-                let color = crate::interaction::albedo(object, hit);
-                ([color.into(); 4], [0.0; 2], Rgb::repeat(1.0))
-            }
+    fn fetch_texels<L: Lanes>(
+        &self,
+        materials: &[Option<&Material>; LANES],
+        hits: &[Hit],
+        scene: &Scene,
+        table: &[f32; 256],
+    ) -> Texels {
+        let mut texels = Texels::default();
+        let mut size = [Eight([1.0; LANES]); 2];
+        let texture_of = |material: &Option<&'_ Material>| match material {
+            Some(Material {
+                albedo: Albedo::Texture { texture, .. },
+                ..
+            }) => Some((texture.width(), texture.height())),
+            _ => None,
         };
-        for (own, texel) in self.texels.iter_mut().zip(&texels) {
-            for k in 0..3 {
-                own[k].0[lane] = texel[k];
+        for (lane, material) in materials.iter().enumerate() {
+            if let Some((width, height)) = texture_of(material) {
+                (size[0].0[lane], size[1].0[lane]) = (width as f32, height as f32);
             }
         }
-        for k in 0..3 {
-            self.tint[k].0[lane] = tint[k];
+        // Find the texels around each point
+        let (u, v) = (L::load(&self.u), L::load(&self.v));
+        let weights = [L::splat(1.0) - u - v, u, v];
+        let one = L::splat(1.0);
+        let half = L::splat(0.5);
+        let (width, height) = (L::load(&size[0]), L::load(&size[1]));
+        let x = self.texcoord(0, &weights) * width - half;
+        let y = (one - self.texcoord(1, &weights)) * height - half;
+        let (x0, x1, fx) = neighbours(x, width);
+        let (y0, y1, fy) = neighbours(y, height);
+        texels.fraction = [fx.store(), fy.store()];
+        // Fetch them
+        for (lane, material) in materials.iter().enumerate() {
+            let Some(material) = material else { continue };
+            let (found, tint) = match &material.albedo {
+                Albedo::Texture { texture, tint } => {
+                    let (all, width) = (texture.texels(), texture.width());
+                    let (top, bottom) = (y0[lane] as usize * width, y1[lane] as usize * width);
+                    let (left, right) = (x0[lane] as usize, x1[lane] as usize);
+                    let found = [
+                        linear(all[top + left], table),
+                        linear(all[top + right], table),
+                        linear(all[bottom + left], table),
+                        linear(all[bottom + right], table),
+                    ];
+                    (found, *tint)
+                }
+                Albedo::Constant(color) => ([(*color).into(); 4], Rgb::repeat(1.0)),
+                Albedo::VertexColor => {
+                    let object = &scene.objects()[hits[lane].object as usize];
+                    let color = crate::interaction::albedo(object, &hits[lane]);
+                    ([color.into(); 4], Rgb::repeat(1.0))
+                }
+            };
+            for k in 0..3 {
+                texels.corners[0][k].0[lane] = found[0][k];
+                texels.corners[1][k].0[lane] = found[1][k];
+                texels.corners[2][k].0[lane] = found[2][k];
+                texels.corners[3][k].0[lane] = found[3][k];
+                texels.tint[k].0[lane] = tint[k];
+            }
         }
-        self.fraction[0].0[lane] = fraction[0];
-        self.fraction[1].0[lane] = fraction[1];
+        texels
     }
 
     #[inline(always)]
-    fn surface<L: Lanes>(&self) -> SurfaceBlock {
+    fn texcoord<L: Lanes>(&self, axis: usize, weights: &[L; 3]) -> L {
+        let [p, q, r] = &self.texcoords;
+        L::load(&p[axis]) * weights[0]
+            + L::load(&q[axis]) * weights[1]
+            + L::load(&r[axis]) * weights[2]
+    }
+
+    #[inline(always)]
+    fn surface<L: Lanes>(&self, texels: &Texels) -> SurfaceBlock {
         let corners = [
             V3::<L>::load(&self.corners[0]),
             V3::load(&self.corners[1]),
@@ -236,7 +292,7 @@ impl Gathered {
         let smooth = L::Mask::from_bits(self.smooth);
         let normal = V3::select(smooth, blend(&normals, &weights).unit_or(flat), flat);
         let lifted = lift(position, &corners, &normals, &weights);
-        let albedo = V3([self.mix::<L>(0), self.mix::<L>(1), self.mix::<L>(2)]);
+        let albedo = V3([texels.mix::<L>(0), texels.mix::<L>(1), texels.mix::<L>(2)]);
         SurfaceBlock {
             lifted: V3::select(smooth, lifted, position).store(),
             flat_normal: flat.store(),
@@ -251,15 +307,17 @@ impl Gathered {
             spawns: self.spawns,
         }
     }
+}
 
+impl Texels {
     /// One channel of the colour, bilinear.
     #[inline(always)]
     fn mix<L: Lanes>(&self, channel: usize) -> L {
         let (fx, fy) = (L::load(&self.fraction[0]), L::load(&self.fraction[1]));
-        let a = L::load(&self.texels[0][channel]);
-        let b = L::load(&self.texels[1][channel]);
-        let c = L::load(&self.texels[2][channel]);
-        let d = L::load(&self.texels[3][channel]);
+        let a = L::load(&self.corners[0][channel]);
+        let b = L::load(&self.corners[1][channel]);
+        let c = L::load(&self.corners[2][channel]);
+        let d = L::load(&self.corners[3][channel]);
         let top = a + (b - a) * fx;
         let bottom = c + (d - c) * fx;
         (top + (bottom - top) * fy) * L::load(&self.tint[channel])
@@ -288,36 +346,27 @@ fn lift<L: Lanes>(
     lifted
 }
 
-/// The texels around a texture coordinate, linear RGB, and the position between them: [`Texture::sample`] without its
-/// mixing.
+/// Texels on both sides of a position, clamped to `0..count`, and the position between them.
 #[inline(always)]
-fn four_texels(
-    texture: &Texture,
-    uv: [f32; 2],
-    table: &[f32; 256],
-) -> ([[f32; 3]; 4], [f32; 2]) {
-    let [x, y] = texture.texel_from_texcoord(uv);
-    let (x_floor, y_floor) = (x.floor(), y.floor());
-    let clamp = |v: f32, n: usize| (v.max(0.0) as usize).min(n - 1);
-    let (width, height) = (texture.width(), texture.height());
-    let (x0, x1) = (clamp(x_floor, width), clamp(x_floor + 1.0, width));
-    let (y0, y1) = (clamp(y_floor, height), clamp(y_floor + 1.0, height));
-    let texels = texture.texels();
-    let linear = |texel: [u8; 3]| {
-        [
-            table[usize::from(texel[0])],
-            table[usize::from(texel[1])],
-            table[usize::from(texel[2])],
-        ]
-    };
-    let (top, bottom) = (y0 * width, y1 * width);
-    let found = [
-        linear(texels[top + x0]),
-        linear(texels[top + x1]),
-        linear(texels[bottom + x0]),
-        linear(texels[bottom + x1]),
-    ];
-    (found, [x - x_floor, y - y_floor])
+fn neighbours<L: Lanes>(x: L, count: L) -> ([i32; LANES], [i32; LANES], L) {
+    let (zero, one) = (L::splat(0.0), L::splat(1.0));
+    // Beyond the texture both sides are the same texel, whatever lies between
+    let x = x.max(L::splat(-2.0)).min(count + one);
+    let whole = x.trunc();
+    let floor = L::select(x.lt(whole), whole - one, whole);
+    let last = count - one;
+    let low = floor.max(zero).min(last);
+    let high = (floor + one).max(zero).min(last);
+    (low.to_i32(), high.to_i32(), x - floor)
+}
+
+#[inline(always)]
+fn linear(texel: [u8; 3], table: &[f32; 256]) -> [f32; 3] {
+    [
+        table[usize::from(texel[0])],
+        table[usize::from(texel[1])],
+        table[usize::from(texel[2])],
+    ]
 }
 
 /// One lane of three coordinates.

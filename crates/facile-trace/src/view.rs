@@ -6,18 +6,18 @@
 use std::time::{Duration, Instant};
 
 use facile_core::Plane;
-use facile_core::color::srgb8_from_linear;
 
 use crate::TraceError;
 use crate::camera::Camera;
 use crate::gbuffer::{CenterHits, GBuffer, Truth};
+use crate::lanes::LANES;
 use crate::light::{Light, LightSource};
 use crate::math::Rgb;
-use crate::lanes::LANES;
 use crate::primary::{self, Method, PixelHits, pixels_in_blocks, sample_px, trace_samples};
 use crate::ray::Hit;
 use crate::sampling::{ADAPTIVE_SAMPLES, Samples, uneven_pixels};
 use crate::scene::{Layer, Scene};
+use crate::srgb::srgb8;
 use crate::surface::{self, SurfaceBlock};
 use crate::whitted::{self, ShadeScratch, Shader};
 
@@ -98,7 +98,7 @@ pub struct ShadeTimes {
 impl Rendering {
     /// The image in 8-bit sRGB.
     pub fn to_srgb8(&self) -> Plane<[u8; 3]> {
-        self.color.map(|c| [c.x, c.y, c.z].map(srgb8_from_linear))
+        srgb8(&self.color)
     }
 }
 
@@ -275,11 +275,7 @@ impl View {
         if is_adaptive || !is_dense || self.settings.truth.shadow {
             // Shade the pixels' centres
             let pixels = &self.centers.pixels;
-            let mut lit = self
-                .settings
-                .truth
-                .shadow
-                .then(|| vec![1.0; pixels.len()]);
+            let mut lit = self.settings.truth.shadow.then(|| vec![1.0; pixels.len()]);
             let direction = |i: usize| self.camera.direction(sample_px(pixels[i], 0, 1));
             let (hits, kept) = (&self.centers.hits, Some(&self.surfaces[..]));
             let colors = scratch.shade(&shader, hits, direction, kept, lit.as_deref_mut());
@@ -401,7 +397,12 @@ impl BatchScratch {
                 directions: &self.directions,
             };
             let shadow = shadow.as_deref_mut().map(|s| &mut s[start..end]);
-            shader.shade_batch(samples, &mut self.colors[start..end], shadow, &mut self.shade);
+            shader.shade_batch(
+                samples,
+                &mut self.colors[start..end],
+                shadow,
+                &mut self.shade,
+            );
         }
         &self.colors
     }

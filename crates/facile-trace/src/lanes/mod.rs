@@ -164,7 +164,10 @@ mod tests {
                 assert_eq!(found, expected, "{set:?}, shift {shift}");
             }
         }
-        assert_eq!(Everything(Eight(tricky), Eight(tricky)).run::<Portable>()[88], 0);
+        assert_eq!(
+            Everything(Eight(tricky), Eight(tricky)).run::<Portable>()[88],
+            0
+        );
     }
 
     #[test]

@@ -3,10 +3,7 @@
     unsafe_code,
     reason = "intrinsics; frame_256 of the bench `trace` takes twice as long with plain arrays"
 )]
-#![expect(
-    clippy::wildcard_imports,
-    reason = "all of it is instructions"
-)]
+#![expect(clippy::wildcard_imports, reason = "all of it is instructions")]
 
 use std::arch::x86_64::*;
 use std::ops::{Add, BitAnd, BitOr, Div, Mul, Not, Sub};
@@ -74,7 +71,12 @@ impl Not for Avx2 {
     #[inline(always)]
     fn not(self) -> Self {
         // SAFETY: values of this type occur only behind the check of `run_avx2`.
-        unsafe { Self(_mm256_xor_ps(self.0, _mm256_castsi256_ps(_mm256_set1_epi32(-1)))) }
+        unsafe {
+            Self(_mm256_xor_ps(
+                self.0,
+                _mm256_castsi256_ps(_mm256_set1_epi32(-1)),
+            ))
+        }
     }
 }
 
