@@ -156,25 +156,6 @@ impl LocalProjection {
             Some([sx, sy]) => V3([x + L::splat(sx), y + L::splat(sy), z]),
         }
     }
-
-    /// Image position and depth of every vertex of a mesh.
-    #[inline(always)]
-    pub(crate) fn project_all<L: Lanes>(&self, positions: &[Vec3], out: &mut Vec<[f32; 4]>) {
-        out.clear();
-        out.reserve(positions.len() + LANES);
-        for eight in positions.chunks(LANES) {
-            let mut points = [Eight::default(); 3];
-            for (lane, p) in eight.iter().enumerate() {
-                points[0].0[lane] = p.x;
-                points[1].0[lane] = p.y;
-                points[2].0[lane] = p.z;
-            }
-            let [x, y, z] = self.project::<L>(&points).store();
-            for lane in 0..eight.len() {
-                out.push([x.0[lane], y.0[lane], z.0[lane], 0.0]);
-            }
-        }
-    }
 }
 
 /// The steps of an image that boxes are rounded to.
@@ -205,21 +186,19 @@ pub(crate) struct Footprints {
 pub(crate) fn footprints<L: Lanes>(
     projection: &LocalProjection,
     steps: &Steps,
-    triangles: &[[u32; 3]],
-    projected: &[[f32; 4]],
+    triangles: &[[Vec3; 3]],
 ) -> Footprints {
     let mut corners = [[Eight::default(); 3]; 3];
     for (lane, triangle) in triangles.iter().enumerate() {
         for k in 0..3 {
-            let [x, y, z, _] = projected[triangle[k] as usize];
-            corners[k][0].0[lane] = x;
-            corners[k][1].0[lane] = y;
-            corners[k][2].0[lane] = z;
+            corners[k][0].0[lane] = triangle[k].x;
+            corners[k][1].0[lane] = triangle[k].y;
+            corners[k][2].0[lane] = triangle[k].z;
         }
     }
-    let a = V3::<L>::load(&corners[0]);
-    let b = V3::<L>::load(&corners[1]);
-    let c = V3::<L>::load(&corners[2]);
+    let a = projection.project::<L>(&corners[0]);
+    let b = projection.project::<L>(&corners[1]);
+    let c = projection.project::<L>(&corners[2]);
     let x = span::<L>(projection, steps, 0, [a.0[0], b.0[0], c.0[0]]);
     let y = span::<L>(projection, steps, 1, [a.0[1], b.0[1], c.0[1]]);
     let ([ax, ay, az], [bx, by, bz], [cx, cy, cz]) = (a.0, b.0, c.0);

@@ -149,7 +149,8 @@ struct Draw<'a> {
 /// A triangle and the blocks it may touch, both ends included.
 #[derive(Clone, Copy)]
 struct Patch {
-    triangle: u32,
+    /// Place in leaf order.
+    slot: u32,
     first: [u32; 2],
     last: [u32; 2],
     nearest: f32,
@@ -162,8 +163,9 @@ struct Canvas<'a> {
     object: u32,
     /// Start of the rays in the object's frame.
     origin: Vec3,
-    positions: &'a [Vec3],
-    triangles: &'a [[u32; 3]],
+    /// Corners and numbers of the triangles, in leaf order: neighbours come together.
+    corners: &'a [[Vec3; 3]],
+    ids: &'a [u32],
 }
 
 impl Kernel for Draw<'_> {
@@ -187,7 +189,7 @@ impl Kernel for Draw<'_> {
         let projection = Projection::of_camera(self.camera);
         let eye = Ray::new(vec3_from_point(self.camera.position()), Vec3::z());
         let (mut in_world, mut in_object) = (Vec::new(), Vec::new());
-        let (mut projected, mut waiting) = (Vec::new(), Vec::new());
+        let mut waiting = Vec::new();
         let mut furthest = Vec::new();
         for (index, object) in self.scene.objects().iter().enumerate() {
             if !self.layer.sees(object) || object.bvh.is_empty() {
@@ -213,11 +215,10 @@ impl Kernel for Draw<'_> {
                 rays,
                 object: index as u32,
                 origin: object.ray_in_object(&eye).origin,
-                positions: &object.geometry.positions,
-                triangles: &object.geometry.triangles,
+                corners: &object.bvh.corners,
+                ids: &object.bvh.triangle_ids,
             };
             let local = projection.in_frame_of(Some(object), 0.0);
-            local.project_all::<L>(canvas.positions, &mut projected);
             let steps = Steps {
                 count: [
                     grid.bounds[2] - grid.bounds[0],
@@ -227,11 +228,11 @@ impl Kernel for Draw<'_> {
                 is_lattice: true,
             };
             waiting.clear();
-            for (eight, triangles) in canvas.triangles.chunks(LANES).enumerate() {
-                let found = footprints::<L>(&local, &steps, triangles, &projected);
+            for (eight, triangles) in canvas.corners.chunks(LANES).enumerate() {
+                let found = footprints::<L>(&local, &steps, triangles);
                 for lane in lanes_of(found.present) {
                     let patch = Patch {
-                        triangle: (eight * LANES + lane) as u32,
+                        slot: (eight * LANES + lane) as u32,
                         first: [
                             found.first[0][lane] as u32 / BLOCK_WIDTH as u32,
                             found.first[1][lane] as u32 / BLOCK_HEIGHT as u32,
@@ -265,8 +266,8 @@ impl Canvas<'_> {
     #[inline(always)]
     fn draw<L: Lanes>(&self, patch: &Patch, furthest: Option<&[f32]>, blocks: &mut [HitBlock]) {
         let columns = self.grid.columns;
-        let [a, b, c] = self.triangles[patch.triangle as usize]
-            .map(|v| self.positions[v as usize] - self.origin);
+        let triangle = self.ids[patch.slot as usize];
+        let [a, b, c] = self.corners[patch.slot as usize].map(|p| p - self.origin);
         for y in patch.first[1]..=patch.last[1] {
             for x in patch.first[0]..=patch.last[0] {
                 let index = y as usize * columns + x as usize;
@@ -297,7 +298,7 @@ impl Canvas<'_> {
                             let old = &block.hits[lane];
                             // Of equal distances the lower object, then the lower triangle wins
                             let is_later =
-                                old.object != self.object || old.triangle < patch.triangle;
+                                old.object != self.object || old.triangle < triangle;
                             if t.0[lane] >= block.t.0[lane] && is_later {
                                 continue;
                             }
@@ -306,7 +307,7 @@ impl Canvas<'_> {
                                 u: u.0[lane],
                                 v: v.0[lane],
                                 object: self.object,
-                                triangle: patch.triangle,
+                                triangle,
                             };
                         }
                     }

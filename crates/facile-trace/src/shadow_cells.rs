@@ -109,7 +109,6 @@ impl Kernel for Block<'_> {
     fn run<L: Lanes>(mut self) {
         let reach = self.reach();
         let mut cells = self.sort::<L>(reach);
-        let mut projected = Vec::new();
         let local = self.image.in_frame_of(None, reach);
         let steps = Steps {
             count: [cells.columns, cells.rows],
@@ -117,13 +116,11 @@ impl Kernel for Block<'_> {
             is_lattice: false,
         };
         for object in self.objects {
-            let geometry = &object.geometry;
-            local.project_all::<L>(&geometry.positions, &mut projected);
-            for (eight, triangles) in geometry.triangles.chunks(LANES).enumerate() {
-                let found = footprints::<L>(&local, &steps, triangles, &projected);
+            // In leaf order neighbours come together
+            for triangles in object.bvh.corners.chunks(LANES) {
+                let found = footprints::<L>(&local, &steps, triangles);
                 for lane in lanes_of(found.present) {
-                    let triangle = geometry.triangles[eight * LANES + lane];
-                    let corners = triangle.map(|v| geometry.positions[v as usize]);
+                    let corners = &triangles[lane];
                     let nearest = found.nearest.0[lane] - DEPTH_SLACK * reach;
                     let columns = found.first[0][lane] as usize..=found.last[0][lane] as usize;
                     for row in found.first[1][lane] as usize..=found.last[1][lane] as usize {
@@ -132,7 +129,7 @@ impl Kernel for Block<'_> {
                         let end = cells.first[from + columns.end() + 1] as usize;
                         for block in &mut cells.blocks[first..end] {
                             if block.open != 0 && nearest <= block.furthest {
-                                block.draw::<L>(&corners);
+                                block.draw::<L>(corners);
                             }
                         }
                     }
