@@ -185,12 +185,16 @@ impl Camera {
     }
 
     /// The ray through an image position, px. Its parameter `t` is the depth along the optical axis in mm.
-    pub fn ray(&self, [x, y]: [f64; 2]) -> Ray {
-        let direction = self.corner + self.step_x * x + self.step_y * y;
-        Ray::new(
-            vec3_from_point(&self.position),
-            Vec3::new(direction.x as f32, direction.y as f32, direction.z as f32),
-        )
+    pub fn ray(&self, px: [f64; 2]) -> Ray {
+        let origin = vec3_from_point(&self.position);
+        Ray::new(origin, Vec3::from(self.direction(px)))
+    }
+
+    /// Direction of [`Camera::ray`].
+    #[inline(always)]
+    pub(crate) fn direction(&self, [x, y]: [f64; 2]) -> [f32; 3] {
+        let along = |k: usize| (self.corner[k] + self.step_x[k] * x + self.step_y[k] * y) as f32;
+        [along(0), along(1), along(2)]
     }
 
     /// Pixels `[x0, x1) x [y0, y1)` that the boxes can cover, each given by its smallest and largest corner in the

@@ -4,9 +4,11 @@ use facile_core::Plane;
 
 use crate::camera::Camera;
 use crate::interaction::{Interaction, albedo};
+use crate::lanes::LANES;
 use crate::math::{Rgb, Vec3};
 use crate::ray::Hit;
 use crate::scene::Scene;
+use crate::surface::{self, SurfaceBlock};
 
 /// Which labels are wanted. What is not asked for is not computed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -91,6 +93,8 @@ pub(crate) struct CenterHits<'a> {
     pub(crate) hits: &'a [Hit],
     /// Hits of the layer behind the occluders; empty unless the occlusion maps are asked for.
     pub(crate) behind: &'a [Hit],
+    /// The surfaces at the hits; empty if there are too many to keep.
+    pub(crate) surfaces: &'a [SurfaceBlock],
 }
 
 impl GBuffer {
@@ -108,9 +112,13 @@ impl GBuffer {
         };
         let segment_id = |h: &Hit| scene.objects()[h.object as usize].segment_at(h).id();
         let wants_normal = truth.normal_in_world || truth.normal_in_camera;
-        let normal_in_world = fill.plane(wants_normal, centers.hits, [0.0; 3], |i, h| {
-            shading_normal(scene, camera, centers.pixels[i], h).into()
-        });
+        let normal_in_world =
+            fill.plane(wants_normal, centers.hits, [0.0; 3], |i, h| {
+                match centers.surfaces.get(i / LANES) {
+                    Some(block) => surface::lane(&block.normal, i % LANES).into(),
+                    None => shading_normal(scene, camera, centers.pixels[i], h).into(),
+                }
+            });
         let rotation = camera.camera_from_world().cast::<f32>();
         let normal_in_camera = normal_in_world
             .as_ref()

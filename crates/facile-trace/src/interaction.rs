@@ -1,10 +1,12 @@
-//! The surface at a hit: what shading needs to know.
+//! The surface at a hit: what shading needs to know. The scalar form, for secondary rays, and the oracle of
+//! [`crate::surface`].
 
-use crate::material::Albedo;
+use crate::material::{Albedo, Material};
 use crate::math::{Rgb, Vec3, unit_or};
 use crate::object::Object;
 use crate::ray::{Hit, Ray};
 use crate::scene::Scene;
+use crate::whitted::fresnel;
 
 /// The surface where a ray meets it, in the world. Normals are on the ray's side.
 #[derive(Clone, Copy, Debug)]
@@ -31,33 +33,47 @@ impl<'a> Interaction<'a> {
     pub(crate) fn new(scene: &'a Scene, ray: &Ray, hit: &Hit) -> Self {
         let object = &scene.objects()[hit.object as usize];
         let geometry = &object.geometry;
-        let corners = geometry.corners(hit.triangle);
+        let corners = geometry
+            .corners(hit.triangle)
+            .map(|p| object.point_in_world(p));
         let weights = hit.barycentric();
         let blend = |v: [Vec3; 3]| v[0] * weights[0] + v[1] * weights[1] + v[2] * weights[2];
         let position = blend(corners);
         let area_vector = (corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
-        let mut flat_normal = object.vector_in_world(unit_or(area_vector, Vec3::y()));
+        let mut flat_normal = unit_or(area_vector, Vec3::y());
         let is_outside = flat_normal.dot(&ray.direction) <= 0.0;
         let side = if is_outside { 1.0 } else { -1.0 };
         flat_normal *= side;
         let (mut normal, mut lifted) = (flat_normal, position);
         if !geometry.normals.is_empty() {
             let triangle = geometry.triangles[hit.triangle as usize];
-            let normals = triangle.map(|v| geometry.normals[v as usize] * side);
-            normal = unit_or(object.vector_in_world(blend(normals)), flat_normal);
+            let normals =
+                triangle.map(|v| object.vector_in_world(geometry.normals[v as usize]) * side);
+            normal = unit_or(blend(normals), flat_normal);
             lifted = lift(position, &corners, &normals, &weights);
         }
         Self {
             object,
             triangle: hit.triangle,
-            position: object.point_in_world(position),
-            lifted: object.point_in_world(lifted),
+            position,
+            lifted,
             flat_normal,
             normal,
             view: unit_or(-ray.direction, flat_normal),
             is_outside,
             albedo: albedo(object, hit),
         }
+    }
+}
+
+/// Share of light that the diffuse layer gets.
+pub(crate) fn diffuse_weight(point: &Interaction<'_>, material: &Material) -> f32 {
+    if material.is_transparent() {
+        0.0
+    } else if material.reflectivity > 0.0 {
+        1.0 - fresnel(material.reflectivity, point.normal.dot(&point.view))
+    } else {
+        1.0
     }
 }
 

@@ -25,12 +25,20 @@ pub mod triangle;
 pub mod view;
 pub mod visibility;
 
+mod direct;
 mod error;
+mod footprint;
 mod gbuffer;
+pub mod instructions;
 mod interaction;
 mod lanes;
 mod packet;
+mod primary;
 mod query;
+mod raster;
+mod shadow_cells;
+mod srgb;
+mod surface;
 mod whitted;
 
 pub use camera::Camera;
@@ -38,6 +46,7 @@ pub use error::TraceError;
 pub use gbuffer::{GBuffer, Occlusion, Truth};
 pub use geometry::{Geometry, Normals};
 pub use head::HeadScene;
+pub use instructions::InstructionSet;
 pub use light::{Attach, LightSource};
 pub use material::{Albedo, Material, Transmission};
 pub use object::{Object, SegmentCap};

@@ -2,53 +2,24 @@
 //!
 //! Rays go through each object's tree in packets of eight. The answers are those of the one-ray queries of
 //! [`crate::scene`], bit for bit.
-#![expect(
-    clippy::inline_always,
-    reason = "the kernels must become one function to stay in vector registers"
-)]
 
 use crate::bvh::Node;
-use crate::lanes::{F8, LANES, M8};
+use crate::lanes::{Eight, Kernel, LANES, LaneMask, Lanes, lanes_of, run};
+use crate::light::Light;
 use crate::math::Rgb;
 use crate::object::Object;
-use crate::packet::Packet;
+use crate::packet::{Packet, RayBlock};
 use crate::ray::{Hit, Ray};
 use crate::scene::{Layer, Scene};
+use crate::shadow_cells;
 
 /// An object with its box in the world.
 struct Candidate<'a> {
     index: u32,
     object: &'a Object,
     bounds: Node,
-}
-
-/// Packets of up to eight rays: one for each shear axis that occurs.
-struct Packets([Option<Packet>; 3]);
-
-impl Packets {
-    #[inline(always)]
-    fn new(rays: &[Ray], mut wanted: M8) -> Self {
-        let mut packets = [None; 3];
-        for slot in &mut packets {
-            *slot = Packet::new(rays, wanted);
-            match slot {
-                Some(packet) => wanted = wanted & !packet.active(),
-                None => break,
-            }
-        }
-        Self(packets)
-    }
-
-    #[inline(always)]
-    fn iter(&self) -> impl Iterator<Item = &Packet> {
-        self.0.iter().flatten()
-    }
-}
-
-fn lanes_of(rays: &[Ray]) -> M8 {
-    M8(std::array::from_fn(|k| {
-        if k < rays.len() { u32::MAX } else { 0 }
-    }))
+    /// Leaf slot of the triangle that blocked last.
+    last_blocker: u32,
 }
 
 impl Scene {
@@ -68,6 +39,7 @@ impl Scene {
                     index: index as u32,
                     object,
                     bounds,
+                    last_blocker: u32::MAX,
                 })
             })
             .collect()
@@ -75,107 +47,202 @@ impl Scene {
 
     /// Appends the nearest hit of each ray, [`Hit::MISS`] where there is none.
     pub fn closest_hits(&self, rays: &[Ray], layer: Layer, hits: &mut Vec<Hit>) {
-        let candidates = self.candidates(|o| layer.sees(o));
-        for rays in rays.chunks(LANES) {
-            let best = closest_of_eight(&candidates, rays);
-            hits.extend_from_slice(&best[..rays.len()]);
+        run(ClosestHits {
+            candidates: &self.candidates(|o| layer.sees(o)),
+            rays,
+            hits,
+        });
+    }
+
+    /// Sets bit `k` of `blocked[i]` where lane `k` of `blocks[i]` meets anything opaque. The first `count` lanes hold
+    /// rays, all of them to `light` if one is given.
+    pub(crate) fn blocked(
+        &self,
+        light: Option<&Light>,
+        blocks: &[RayBlock],
+        count: usize,
+        blocked: &mut Vec<u32>,
+    ) {
+        blocked.clear();
+        blocked.resize(blocks.len(), 0);
+        let mut candidates = self.candidates(|o| o.is_visible && !o.is_transparent());
+        let image = light.and_then(|light| shadow_cells::image_of(light, blocks, count));
+        if let Some(image) = image {
+            let drawn: Vec<&Object> = candidates
+                .iter()
+                .map(|c| c.object)
+                .filter(|o| shadow_cells::suits(o, &image, count))
+                .collect();
+            if !drawn.is_empty() {
+                shadow_cells::block(&drawn, &image, blocks, count, blocked);
+                candidates.retain(|c| !shadow_cells::suits(c.object, &image, count));
+            }
         }
+        run(Blocked {
+            candidates: &mut candidates,
+            blocks,
+            count,
+            blocked,
+        });
     }
 
     /// Sets `shares` to [`Scene::transmittance`] of each ray.
     pub fn transmittances(&self, rays: &[Ray], shares: &mut Vec<Rgb>) {
         shares.clear();
-        let opaque = self.candidates(|o| o.is_visible && !o.is_transparent());
+        let mut blocks = vec![RayBlock::default(); rays.len().div_ceil(LANES)];
+        for (i, ray) in rays.iter().enumerate() {
+            blocks[i / LANES].set(i % LANES, ray);
+        }
+        let mut blocked = Vec::new();
+        self.blocked(None, &blocks, rays.len(), &mut blocked);
         let has_transparency = self.has_transparency();
-        for rays in rays.chunks(LANES) {
-            let blocked = blocked_of_eight(&opaque, rays);
-            for (ray, blocked) in rays.iter().zip(blocked.0) {
-                shares.push(if blocked != 0 {
-                    Rgb::zeros()
-                } else if has_transparency {
-                    self.tint(ray)
-                } else {
-                    Rgb::repeat(1.0)
-                });
+        shares.extend(rays.iter().enumerate().map(|(i, ray)| {
+            if blocked[i / LANES] >> (i % LANES) & 1 == 1 {
+                Rgb::zeros()
+            } else if has_transparency {
+                self.tint(ray)
+            } else {
+                Rgb::repeat(1.0)
             }
+        }));
+    }
+}
+
+/// Packets of the lanes `bits` of a block: one for each shear axis that occurs.
+macro_rules! for_each_packet {
+    ($lanes:ident, $block:expr, $bits:expr, $packet:ident => $body:block) => {
+        let by_axis = $block.lanes_by_axis::<$lanes>();
+        for axis in 0..3 {
+            let bits = by_axis[axis] & $bits;
+            if bits != 0 {
+                let $packet = Packet::<$lanes>::new($block, axis, bits);
+                $body
+            }
+        }
+    };
+}
+
+/// The lanes `bits` of a block that meet an object's box in the world before `ends`.
+#[inline(always)]
+fn near_box<L: Lanes>(block: &RayBlock, bits: u32, bounds: &Node, ends: L) -> u32 {
+    Packet::<L>::new(block, 0, bits)
+        .enter(bounds, ends)
+        .0
+        .bits()
+}
+
+/// A block in an object's frame.
+#[inline(always)]
+fn block_in_object(object: &Object, block: &RayBlock, bits: u32) -> RayBlock {
+    let mut local = RayBlock::default();
+    for k in lanes_of(bits) {
+        local.set(k, &object.ray_in_object(&block.get(k)));
+    }
+    local
+}
+
+struct ClosestHits<'a> {
+    candidates: &'a [Candidate<'a>],
+    rays: &'a [Ray],
+    hits: &'a mut Vec<Hit>,
+}
+
+impl Kernel for ClosestHits<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        for rays in self.rays.chunks(LANES) {
+            let mut block = RayBlock::default();
+            for (k, ray) in rays.iter().enumerate() {
+                block.set(k, ray);
+            }
+            let all = 0xFF >> (LANES - rays.len());
+            let best = closest_of_block::<L>(self.candidates, &block, all);
+            self.hits.extend_from_slice(&best[..rays.len()]);
         }
     }
 }
 
 #[inline(always)]
-fn closest_of_eight(candidates: &[Candidate<'_>], rays: &[Ray]) -> [Hit; LANES] {
-    let in_world = Packets::new(rays, lanes_of(rays));
-    let mut best: [Hit; LANES] = std::array::from_fn(|k| Hit {
-        t: rays.get(k).map_or(0.0, |r| r.t_max),
-        ..Hit::MISS
-    });
+fn closest_of_block<L: Lanes>(
+    candidates: &[Candidate<'_>],
+    block: &RayBlock,
+    all: u32,
+) -> [Hit; LANES] {
+    let mut best: [Hit; LANES] = [Hit::MISS; LANES];
+    let mut nearest: Eight = block.t_max;
     for candidate in candidates {
-        let t_best = F8(best.map(|hit| hit.t));
-        let mut visit = |packet: &Packet| {
-            let found = candidate.object.bvh.closest_hits(packet, t_best);
-            for (k, hit) in best.iter_mut().enumerate() {
-                if found.found.0[k] != 0 {
-                    *hit = Hit {
-                        t: found.t.0[k],
-                        object: candidate.index,
-                        triangle: found.triangle[k],
-                        u: found.u.0[k],
-                        v: found.v.0[k],
-                    };
-                }
+        let object = candidate.object;
+        let local;
+        let (block, bits) = if object.world_from_object.is_none() {
+            (block, all)
+        } else {
+            let bits = near_box::<L>(block, all, &candidate.bounds, L::load(&nearest));
+            if bits == 0 {
+                continue;
             }
+            local = block_in_object(object, block, bits);
+            (&local, bits)
         };
-        match &candidate.object.world_from_object {
-            None => in_world.iter().for_each(&mut visit),
-            Some(_) => {
-                let near = in_world.iter().fold(M8([0; LANES]), |m, p| {
-                    m | p.meets(&candidate.bounds, t_best)
-                });
-                if near.any() {
-                    let local: [Ray; LANES] = std::array::from_fn(|k| {
-                        candidate.object.ray_in_object(&rays[k.min(rays.len() - 1)])
-                    });
-                    Packets::new(&local, near).iter().for_each(&mut visit);
-                }
+        for_each_packet!(L, block, bits, packet => {
+            let found = object.bvh.closest_hits(&packet, L::load(&nearest));
+            let (t, u, v) = (found.t.store().0, found.u.store().0, found.v.store().0);
+            for k in lanes_of(found.found.bits()) {
+                nearest.0[k] = t[k];
+                best[k] = Hit {
+                    t: t[k],
+                    object: candidate.index,
+                    triangle: found.triangle[k],
+                    u: u[k],
+                    v: v[k],
+                };
             }
-        }
+        });
     }
-    best.map(|hit| if hit.is_some() { hit } else { Hit::MISS })
+    best
 }
 
-#[inline(always)]
-fn blocked_of_eight(opaque: &[Candidate<'_>], rays: &[Ray]) -> M8 {
-    let in_world = Packets::new(rays, lanes_of(rays));
-    let mut blocked = M8([0; LANES]);
-    let all = lanes_of(rays);
-    for candidate in opaque {
-        match &candidate.object.world_from_object {
-            None => {
-                for packet in in_world.iter() {
-                    blocked = blocked | candidate.object.bvh.any_hits(packet, blocked);
-                }
-            }
-            Some(_) => {
-                let ends = F8(std::array::from_fn(|k| {
-                    rays.get(k).map_or(0.0, |r| r.t_max)
-                }));
-                let near = in_world
-                    .iter()
-                    .fold(M8([0; LANES]), |m, p| m | p.meets(&candidate.bounds, ends));
-                let near = near & !blocked;
-                if near.any() {
-                    let local: [Ray; LANES] = std::array::from_fn(|k| {
-                        candidate.object.ray_in_object(&rays[k.min(rays.len() - 1)])
-                    });
-                    for packet in Packets::new(&local, near).iter() {
-                        blocked = blocked | candidate.object.bvh.any_hits(packet, blocked);
-                    }
-                }
-            }
+struct Blocked<'a, 'b> {
+    candidates: &'a mut [Candidate<'b>],
+    blocks: &'a [RayBlock],
+    count: usize,
+    blocked: &'a mut [u32],
+}
+
+impl Kernel for Blocked<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        if self.candidates.is_empty() {
+            return;
         }
-        if blocked == all {
-            break;
+        for (index, (block, blocked)) in self.blocks.iter().zip(self.blocked).enumerate() {
+            let present = 0xFF >> (LANES - (self.count - index * LANES).min(LANES));
+            for candidate in &mut *self.candidates {
+                let wanted = !*blocked & present;
+                if wanted == 0 {
+                    break;
+                }
+                let object = candidate.object;
+                let local;
+                let (block, bits) = if object.world_from_object.is_none() {
+                    (block, wanted)
+                } else {
+                    let ends = L::load(&block.t_max);
+                    let bits = near_box::<L>(block, wanted, &candidate.bounds, ends);
+                    if bits == 0 {
+                        continue;
+                    }
+                    local = block_in_object(object, block, bits);
+                    (&local, bits)
+                };
+                for_each_packet!(L, block, bits, packet => {
+                    let last = &mut candidate.last_blocker;
+                    *blocked |= object.bvh.any_hits(&packet, last).bits();
+                });
+            }
         }
     }
-    blocked
 }

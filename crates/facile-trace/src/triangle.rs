@@ -66,13 +66,16 @@ pub fn intersect(ray: &Ray, shear: &RayShear, corners: &[Vec3; 3]) -> Option<(f3
     let mut u = cx * by - cy * bx;
     let mut v = ax * cy - ay * cx;
     let mut w = bx * ay - by * ax;
+    if has_both_signs(u, v, w) {
+        return None;
+    }
     if u == 0.0 || v == 0.0 || w == 0.0 {
         u = edge_function(cx, by, cy, bx);
         v = edge_function(ax, cy, ay, cx);
         w = edge_function(bx, ay, by, ax);
-    }
-    if (u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0) {
-        return None;
+        if has_both_signs(u, v, w) {
+            return None;
+        }
     }
     let determinant = u + v + w;
     if determinant == 0.0 {
@@ -82,6 +85,10 @@ pub fn intersect(ray: &Ray, shear: &RayShear, corners: &[Vec3; 3]) -> Option<(f3
     let inverse = 1.0 / determinant;
     let t = (u * az + v * bz + w * cz) * inverse;
     (t > ray.t_min).then_some((t, v * inverse, w * inverse))
+}
+
+fn has_both_signs(u: f32, v: f32, w: f32) -> bool {
+    (u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0)
 }
 
 /// `a b - c d` in `f64`: the sign is exact because products of two `f32` are.

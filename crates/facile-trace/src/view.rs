@@ -6,17 +6,20 @@
 use std::time::{Duration, Instant};
 
 use facile_core::Plane;
-use facile_core::color::srgb8_from_linear;
 
 use crate::TraceError;
 use crate::camera::Camera;
 use crate::gbuffer::{CenterHits, GBuffer, Truth};
+use crate::lanes::LANES;
 use crate::light::{Light, LightSource};
 use crate::math::Rgb;
-use crate::ray::{Hit, Ray};
-use crate::sampling::{ADAPTIVE_SAMPLES, Samples, sample_offset, uneven_pixels};
+use crate::primary::{self, Method, PixelHits, pixels_in_blocks, sample_px, trace_samples};
+use crate::ray::Hit;
+use crate::sampling::{ADAPTIVE_SAMPLES, Samples, uneven_pixels};
 use crate::scene::{Layer, Scene};
-use crate::whitted::{ShadeScratch, Shader};
+use crate::srgb::srgb8;
+use crate::surface::{self, SurfaceBlock};
+use crate::whitted::{self, ShadeScratch, Shader};
 
 /// How to render.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,17 +46,23 @@ impl Default for RenderSettings {
     }
 }
 
-/// Samples that are shaded together: bounds the buffers.
-const BATCH: usize = 4096;
+/// Samples that are shaded together: bounds the buffers. Many at once are cheaper, since each light sorts its rays.
+const BATCH: usize = 1 << 16;
+
+/// Surfaces that a view keeps for its next lights: 80 MB.
+const MAX_KEPT_SURFACES: usize = 1 << 20;
 
 /// What the primary rays of a camera found in a scene.
 #[derive(Clone, Debug)]
 pub struct View {
     camera: Camera,
     settings: RenderSettings,
-    /// Pixels whose centre was traced, in blocks, and what was found there.
-    pixels: Vec<[u32; 2]>,
-    hits: Vec<Hit>,
+    /// Pixels `[x0, y0, x1, y1)` that can show anything.
+    bounds: Option<[usize; 4]>,
+    /// What the pixels' centres see.
+    centers: PixelHits,
+    /// The surfaces there; empty if there are more than [`MAX_KEPT_SURFACES`], or none is shaded.
+    surfaces: Vec<SurfaceBlock>,
     /// Pixels with several samples: all of them, or those on the borders of objects.
     dense_pixels: Vec<[u32; 2]>,
     dense_hits: Vec<Hit>,
@@ -89,7 +98,7 @@ pub struct ShadeTimes {
 impl Rendering {
     /// The image in 8-bit sRGB.
     pub fn to_srgb8(&self) -> Plane<[u8; 3]> {
-        self.color.map(|c| [c.x, c.y, c.z].map(srgb8_from_linear))
+        srgb8(&self.color)
     }
 }
 
@@ -104,24 +113,33 @@ pub fn trace_view(
 ) -> Result<View, TraceError> {
     check(settings)?;
     let start = Instant::now();
-    let pixels = pixels_in_blocks(camera.pixel_bounds(scene.bounds_in_world(Layer::All)));
-    let mut hits = Vec::new();
-    trace_samples(scene, camera, &pixels, 1, Layer::All, &mut hits);
+    let bounds = camera.pixel_bounds(scene.bounds_in_world(Layer::All));
+    let centers = bounds.map_or_else(PixelHits::default, |bounds| {
+        let method = Method::for_view(scene, camera, bounds);
+        primary::centers(scene, camera, bounds, method)
+    });
     let mut behind = Vec::new();
     if settings.truth.occlusion {
-        behind = trace_behind(scene, camera, &pixels, &hits);
+        behind = trace_behind(scene, camera, &centers);
     }
-    let centers = CenterHits {
-        pixels: &pixels,
-        hits: &hits,
+    let mut surfaces = Vec::new();
+    if centers.hits.len() <= MAX_KEPT_SURFACES {
+        let directions = center_directions(camera, &centers.pixels);
+        surface::surfaces(scene, &centers.hits, &directions, &mut surfaces);
+    }
+    let found = CenterHits {
+        pixels: &centers.pixels,
+        hits: &centers.hits,
         behind: &behind,
+        surfaces: &surfaces,
     };
-    let gbuffer = GBuffer::new(scene, camera, settings.truth, &centers);
+    let gbuffer = GBuffer::new(scene, camera, settings.truth, &found);
     let mut view = View {
         camera: camera.clone(),
         settings: *settings,
-        pixels,
-        hits,
+        bounds,
+        centers,
+        surfaces,
         dense_pixels: Vec::new(),
         dense_hits: Vec::new(),
         gbuffer,
@@ -130,7 +148,7 @@ pub fn trace_view(
     let count = view.dense_count();
     if count > 1 {
         view.dense_pixels = match settings.samples {
-            Samples::Count(_) => view.pixels.clone(),
+            Samples::Count(_) => view.bounds.map_or_else(Vec::new, pixels_in_blocks),
             Samples::Adaptive(_) => view.border_pixels(),
         };
         let dense = &view.dense_pixels;
@@ -167,56 +185,12 @@ fn check(settings: &RenderSettings) -> Result<(), TraceError> {
     Ok(())
 }
 
-/// The pixels of a rectangle `[x0, y0, x1, y1)` in blocks of 4 x 2, so that eight in a row are close together.
-fn pixels_in_blocks(bounds: Option<[usize; 4]>) -> Vec<[u32; 2]> {
-    let Some([x0, y0, x1, y1]) = bounds else {
-        return Vec::new();
-    };
-    let mut pixels = Vec::with_capacity((x1 - x0) * (y1 - y0));
-    for y in (y0..y1).step_by(2) {
-        for x in (x0..x1).step_by(4) {
-            for dy in 0..2.min(y1 - y) {
-                for dx in 0..4.min(x1 - x) {
-                    pixels.push([(x + dx) as u32, (y + dy) as u32]);
-                }
-            }
-        }
-    }
-    pixels
-}
-
-/// The ray of sample `index` of `count` in a pixel.
-fn sample_ray(camera: &Camera, [x, y]: [u32; 2], index: u32, count: u32) -> Ray {
-    let [dx, dy] = sample_offset(index, count);
-    camera.ray([f64::from(x) + dx, f64::from(y) + dy])
-}
-
-/// Traces `count` samples of each pixel; the hits of a pixel are adjacent.
-fn trace_samples(
-    scene: &Scene,
-    camera: &Camera,
-    pixels: &[[u32; 2]],
-    count: u32,
-    layer: Layer,
-    hits: &mut Vec<Hit>,
-) {
-    hits.clear();
-    hits.reserve(pixels.len() * count as usize);
-    let mut rays = Vec::with_capacity(BATCH);
-    for chunk in pixels.chunks(BATCH.div_ceil(count as usize)) {
-        rays.clear();
-        for &pixel in chunk {
-            rays.extend((0..count).map(|i| sample_ray(camera, pixel, i, count)));
-        }
-        scene.closest_hits(&rays, layer, hits);
-    }
-}
-
 /// The hits without occluders: only pixels that show an occluder are traced anew.
-fn trace_behind(scene: &Scene, camera: &Camera, pixels: &[[u32; 2]], hits: &[Hit]) -> Vec<Hit> {
+fn trace_behind(scene: &Scene, camera: &Camera, centers: &PixelHits) -> Vec<Hit> {
+    let (pixels, hits) = (&centers.pixels, &centers.hits);
     let objects = scene.objects();
     let covered: Vec<usize> = (0..hits.len())
-        .filter(|&i| hits[i].is_some() && objects[hits[i].object as usize].is_occluder())
+        .filter(|&i| objects[hits[i].object as usize].is_occluder())
         .collect();
     let covered_pixels: Vec<[u32; 2]> = covered.iter().map(|&i| pixels[i]).collect();
     let mut found = Vec::new();
@@ -243,7 +217,7 @@ impl View {
 
     /// Number of primary rays that were traced.
     pub fn primary_rays(&self) -> usize {
-        self.hits.len() + self.dense_hits.len()
+        self.centers.hits.len() + self.dense_hits.len()
     }
 
     fn dense_count(&self) -> u32 {
@@ -253,26 +227,23 @@ impl View {
         }
     }
 
-    /// Pixels next to another object or to nothing, including those just outside the bounds of what was traced.
+    /// Pixels next to another object or to nothing, including those just outside the bounds of what was hit.
     fn border_pixels(&self) -> Vec<[u32; 2]> {
-        let objects = self.plane_of(u32::MAX, |i| self.hits[i].object);
-        let differs = |[x, y]: [u32; 2]| {
-            let (x, y) = (x as usize, y as usize);
+        let objects = self.plane_of(u32::MAX, |i| self.centers.hits[i].object);
+        let differs = |[x, y]: &[u32; 2]| {
+            let (x, y) = (*x as usize, *y as usize);
             let own = objects[(x, y)];
             let columns = x.saturating_sub(1)..(x + 2).min(objects.width());
             let mut rows = y.saturating_sub(1)..(y + 2).min(objects.height());
             rows.any(|v| objects.row(v)[columns.clone()].iter().any(|o| *o != own))
         };
-        self.pixels
-            .iter()
-            .copied()
-            .filter(|p| differs(*p))
-            .collect()
+        let pixels = self.bounds.map_or_else(Vec::new, pixels_in_blocks);
+        pixels.into_iter().filter(differs).collect()
     }
 
     fn plane_of<T: Clone>(&self, empty: T, value: impl Fn(usize) -> T) -> Plane<T> {
         let mut plane = Plane::filled(self.camera.width(), self.camera.height(), empty);
-        for (i, [x, y]) in self.pixels.iter().enumerate() {
+        for (i, [x, y]) in self.centers.pixels.iter().enumerate() {
             plane[(*x as usize, *y as usize)] = value(i);
         }
         plane
@@ -303,13 +274,11 @@ impl View {
         let is_adaptive = self.settings.samples == Samples::ADAPTIVE;
         if is_adaptive || !is_dense || self.settings.truth.shadow {
             // Shade the pixels' centres
-            let center = |i: usize| sample_ray(&self.camera, self.pixels[i], 0, 1);
-            let mut lit = self
-                .settings
-                .truth
-                .shadow
-                .then(|| vec![1.0; self.hits.len()]);
-            let colors = scratch.shade(&shader, &self.hits, center, lit.as_deref_mut());
+            let pixels = &self.centers.pixels;
+            let mut lit = self.settings.truth.shadow.then(|| vec![1.0; pixels.len()]);
+            let direction = |i: usize| self.camera.direction(sample_px(pixels[i], 0, 1));
+            let (hits, kept) = (&self.centers.hits, Some(&self.surfaces[..]));
+            let colors = scratch.shade(&shader, hits, direction, kept, lit.as_deref_mut());
             color = self.plane_of(scene.background, |i| colors[i]);
             shadow = lit.map(|lit| self.plane_of(1.0, |i| lit[i]));
         }
@@ -329,12 +298,9 @@ impl View {
             for [x, y] in &self.dense_pixels {
                 marks[(*x as usize, *y as usize)] = false;
             }
-            let more: Vec<[u32; 2]> = self
-                .pixels
-                .iter()
-                .copied()
-                .filter(|[x, y]| marks[(*x as usize, *y as usize)])
-                .collect();
+            let pixels = self.bounds.map_or_else(Vec::new, pixels_in_blocks);
+            let is_marked = |[x, y]: &[u32; 2]| marks[(*x as usize, *y as usize)];
+            let more: Vec<[u32; 2]> = pixels.into_iter().filter(is_marked).collect();
             let mut hits = Vec::new();
             trace_samples(
                 scene,
@@ -371,11 +337,12 @@ impl View {
         scratch: &mut BatchScratch,
     ) {
         let count = self.dense_count() as usize;
-        let ray = |i: usize| {
+        let direction = |i: usize| {
             let index = (i % count) as u32;
-            sample_ray(&self.camera, pixels[i / count], index, count as u32)
+            let px = sample_px(pixels[i / count], index, count as u32);
+            self.camera.direction(px)
         };
-        let colors = scratch.shade(shader, hits, ray, None);
+        let colors = scratch.shade(shader, hits, direction, None, None);
         for ([x, y], samples) in pixels.iter().zip(colors.chunks_exact(count)) {
             let sum = samples.iter().fold(Rgb::zeros(), |sum, c| sum + c);
             color[(*x as usize, *y as usize)] = sum / count as f32;
@@ -383,32 +350,59 @@ impl View {
     }
 }
 
+/// Directions of the rays through pixels' centres.
+fn center_directions(camera: &Camera, pixels: &[[u32; 2]]) -> Vec<[f32; 3]> {
+    let direction = |pixel: &[u32; 2]| camera.direction(sample_px(*pixel, 0, 1));
+    pixels.iter().map(direction).collect()
+}
+
 /// Buffers of one call of [`View::shade`].
 #[derive(Default)]
 struct BatchScratch {
-    samples: Vec<(Ray, Hit)>,
+    directions: Vec<[f32; 3]>,
+    surfaces: Vec<SurfaceBlock>,
     colors: Vec<Rgb>,
     shade: ShadeScratch,
 }
 
 impl BatchScratch {
-    /// Shades hits in batches; `ray(i)` is the ray that made hit `i`.
+    /// Shades hits in batches; `direction(i)` is that of the ray that made hit `i`. `kept` holds the surfaces of all hits
+    /// if they are known.
     fn shade(
         &mut self,
         shader: &Shader<'_>,
         hits: &[Hit],
-        ray: impl Fn(usize) -> Ray,
+        direction: impl Fn(usize) -> [f32; 3],
+        kept: Option<&[SurfaceBlock]>,
         mut shadow: Option<&mut [f32]>,
     ) -> &[Rgb] {
         self.colors.clear();
         self.colors.resize(hits.len(), Rgb::zeros());
         for start in (0..hits.len()).step_by(BATCH) {
             let end = (start + BATCH).min(hits.len());
-            self.samples.clear();
-            self.samples.extend((start..end).map(|i| (ray(i), hits[i])));
+            self.directions.clear();
+            self.directions.extend((start..end).map(&direction));
+            let kept = kept.and_then(|k| k.get(start / LANES..end.div_ceil(LANES)));
+            let surfaces = match kept {
+                Some(kept) => kept,
+                None => {
+                    let (hits, directions) = (&hits[start..end], &self.directions);
+                    surface::surfaces(shader.scene, hits, directions, &mut self.surfaces);
+                    &self.surfaces
+                }
+            };
+            let samples = whitted::Samples {
+                surfaces,
+                hits: &hits[start..end],
+                directions: &self.directions,
+            };
             let shadow = shadow.as_deref_mut().map(|s| &mut s[start..end]);
-            let colors = &mut self.colors[start..end];
-            shader.shade_batch(&self.samples, colors, shadow, &mut self.shade);
+            shader.shade_batch(
+                samples,
+                &mut self.colors[start..end],
+                shadow,
+                &mut self.shade,
+            );
         }
         &self.colors
     }

@@ -2,17 +2,20 @@
 //!
 //! Paper section 5. Direct light at a point: `albedo (ambient + E cos(theta) visible)` plus the Phong highlight of
 //! [`Material::specular`], with `E` as [`crate::light`] says. Shadow rays start on the smooth surface
-//! ([`crate::interaction`]); transparent objects tint them. [`shade_batch`] shades many primary hits at once, shadow
-//! rays in packets; [`Shader::radiance`] is the recursive form for secondary rays.
+//! ([`crate::interaction`]); transparent objects tint them. [`Shader::shade_batch`] shades many primary hits at once, eight
+//! to a vector and shadow rays in packets; [`Shader::radiance`] is the scalar, recursive form for secondary rays.
 
 use std::time::{Duration, Instant};
 
-use crate::interaction::Interaction;
+use crate::direct::{Ambient, Gather, PendingShadows};
+use crate::interaction::{Interaction, diffuse_weight};
+use crate::lanes::{LANES, lanes_of, run};
 use crate::light::{Arrival, Light};
 use crate::material::{Material, Transmission};
 use crate::math::{Rgb, Vec3, power, unit_or};
 use crate::ray::{Hit, Ray};
 use crate::scene::{Layer, Scene};
+use crate::surface::SurfaceBlock;
 
 /// A scene under lights, ready to shade.
 pub(crate) struct Shader<'a> {
@@ -24,90 +27,113 @@ pub(crate) struct Shader<'a> {
     pub(crate) offset: f32,
 }
 
-/// A shadow ray on its way: whose light it carries, and how much if nothing is in between.
-#[derive(Clone, Copy, Debug)]
-struct PendingShadow {
-    sample: u32,
-    contribution: Rgb,
-}
-
 /// Buffers of [`Shader::shade_batch`], to be kept between calls.
 #[derive(Debug, Default)]
 pub(crate) struct ShadeScratch {
-    pending: Vec<PendingShadow>,
-    rays: Vec<Ray>,
-    shares: Vec<Rgb>,
+    pending: PendingShadows,
+    blocked: Vec<u32>,
+    possible: Vec<f32>,
     /// Wall clock time of shadow rays so far.
     pub(crate) shadow_time: Duration,
+}
+
+/// Primary samples to shade together: sample `i` is lane `i % 8` of surface block `i / 8`.
+#[derive(Clone, Copy)]
+pub(crate) struct Samples<'a> {
+    pub(crate) surfaces: &'a [SurfaceBlock],
+    pub(crate) hits: &'a [Hit],
+    /// Directions of the rays that hit.
+    pub(crate) directions: &'a [[f32; 3]],
 }
 
 impl Shader<'_> {
     /// Shades primary samples into `colors`; `shadow` gets the share of directed light that arrives, 1 without any.
     pub(crate) fn shade_batch(
         &self,
-        samples: &[(Ray, Hit)],
+        samples: Samples<'_>,
         colors: &mut [Rgb],
         mut shadow: Option<&mut [f32]>,
         scratch: &mut ShadeScratch,
     ) {
-        assert_eq!(samples.len(), colors.len(), "one colour per sample");
-        // Take the light that needs no shadow ray, and gather those that do
+        assert_eq!(samples.hits.len(), colors.len(), "one colour per sample");
         scratch.pending.clear();
-        scratch.rays.clear();
-        let mut possible = vec![0.0_f32; if shadow.is_some() { samples.len() } else { 0 }];
-        for (index, (ray, hit)) in samples.iter().enumerate() {
-            colors[index] = self.scene.background;
-            if !hit.is_some() {
-                continue;
-            }
-            let point = Interaction::new(self.scene, ray, hit);
-            let material = point.object.material(point.triangle);
-            let weight = diffuse_weight(&point, material);
-            colors[index] = if material.spawns_rays() {
-                self.secondary(&point, material, 0)
-            } else {
-                Rgb::zeros()
-            };
-            colors[index] += self.ambient(&point, material, weight);
-            for light in self.lights {
-                let Some((contribution, ray)) = self.unshadowed(&point, material, weight, light)
-                else {
-                    continue;
-                };
-                scratch.pending.push(PendingShadow {
-                    sample: index as u32,
-                    contribution,
-                });
-                scratch.rays.push(ray);
-                if shadow.is_some() {
-                    possible[index] += contribution.sum();
-                }
-            }
-        }
-        // Trace the shadow rays and add what arrives
-        let start = Instant::now();
-        self.scene
-            .transmittances(&scratch.rays, &mut scratch.shares);
-        scratch.shadow_time += start.elapsed();
+        scratch.possible.clear();
         if let Some(shadow) = shadow.as_deref_mut() {
             shadow.fill(0.0);
+            scratch.possible.resize(samples.hits.len(), 0.0);
         }
-        for (pending, share) in scratch.pending.iter().zip(&scratch.shares) {
-            let arrived = pending.contribution.component_mul(share);
-            colors[pending.sample as usize] += arrived;
+        self.shade_unshadowed(samples, colors);
+        for light in self.lights {
+            run(Gather {
+                light,
+                offset: self.offset,
+                surfaces: samples.surfaces,
+                pending: &mut scratch.pending,
+            });
+            self.resolve_shadows(light, colors, shadow.as_deref_mut(), scratch);
+        }
+        for (arrived, possible) in shadow.into_iter().flatten().zip(&scratch.possible) {
+            *arrived = if *possible > 0.0 {
+                *arrived / possible
+            } else {
+                1.0
+            };
+        }
+    }
+
+    /// Sets the colours to the light that needs no shadow ray.
+    fn shade_unshadowed(&self, samples: Samples<'_>, colors: &mut [Rgb]) {
+        run(Ambient {
+            sum: self.ambient_sum(),
+            background: self.scene.background,
+            surfaces: samples.surfaces,
+            colors,
+        });
+        for (index, block) in samples.surfaces.iter().enumerate() {
+            for lane in lanes_of(block.spawns) {
+                let i = index * LANES + lane;
+                let ray = Ray::new(Vec3::zeros(), Vec3::from(samples.directions[i]));
+                let point = Interaction::new(self.scene, &ray, &samples.hits[i]);
+                let material = point.object.material(point.triangle);
+                colors[i] = self.secondary(&point, material, 0) + colors[i];
+            }
+        }
+    }
+
+    /// Traces the pending shadow rays and adds what arrives.
+    fn resolve_shadows(
+        &self,
+        light: &Light,
+        colors: &mut [Rgb],
+        mut shadow: Option<&mut [f32]>,
+        scratch: &mut ShadeScratch,
+    ) {
+        let start = Instant::now();
+        let pending = &scratch.pending;
+        let count = pending.list.len();
+        self.scene
+            .blocked(Some(light), &pending.blocks, count, &mut scratch.blocked);
+        let has_transparency = self.scene.has_transparency();
+        for (i, shadowed) in pending.list.iter().enumerate() {
+            let sample = shadowed.sample as usize;
+            if let Some(possible) = scratch.possible.get_mut(sample) {
+                *possible += shadowed.contribution.sum();
+            }
+            if scratch.blocked[i / LANES] >> (i % LANES) & 1 == 1 {
+                continue;
+            }
+            let mut arrived = shadowed.contribution;
+            if has_transparency {
+                let ray = pending.blocks[i / LANES].get(i % LANES);
+                arrived.component_mul_assign(&self.scene.tint(&ray));
+            }
+            colors[sample] += arrived;
             if let Some(shadow) = shadow.as_deref_mut() {
-                shadow[pending.sample as usize] += arrived.sum();
+                shadow[sample] += arrived.sum();
             }
         }
-        if let Some(shadow) = shadow {
-            for (arrived, possible) in shadow.iter_mut().zip(&possible) {
-                *arrived = if *possible > 0.0 {
-                    *arrived / possible
-                } else {
-                    1.0
-                };
-            }
-        }
+        scratch.pending.clear();
+        scratch.shadow_time += start.elapsed();
     }
 
     /// Light that comes back along a ray.
@@ -133,13 +159,17 @@ impl Shader<'_> {
     }
 
     fn ambient(&self, point: &Interaction<'_>, material: &Material, weight: f32) -> Rgb {
+        point.albedo.component_mul(&self.ambient_sum()) * (weight * material.exposure)
+    }
+
+    fn ambient_sum(&self) -> Rgb {
         let mut sum = Rgb::zeros();
         for light in self.lights {
             if let Light::Ambient { power } = light {
                 sum += power;
             }
         }
-        point.albedo.component_mul(&sum) * (weight * material.exposure)
+        sum
     }
 
     /// What a light gives if nothing is in between, and the ray that finds out. `None` if the surface faces away.
@@ -201,17 +231,6 @@ impl Shader<'_> {
             color += self.radiance(&Ray::new(origin, direction), depth + 1) * reflected_share;
         }
         color
-    }
-}
-
-/// Share of light that the diffuse layer gets.
-fn diffuse_weight(point: &Interaction<'_>, material: &Material) -> f32 {
-    if material.is_transparent() {
-        0.0
-    } else if material.reflectivity > 0.0 {
-        1.0 - fresnel(material.reflectivity, point.normal.dot(&point.view))
-    } else {
-        1.0
     }
 }
 

@@ -16,7 +16,7 @@ pub(crate) const MAX_DEPTH: usize = 96;
 pub(crate) const FAR_SLACK: f32 = 1.0 + 4e-6;
 
 /// `1 / direction`, large instead of infinite where a component is 0.
-pub(crate) fn inverse_direction(direction: Vec3) -> Vec3 {
+fn inverse_direction(direction: Vec3) -> Vec3 {
     direction.map(|d| {
         if d.abs() < 1e-25 {
             1e25_f32.copysign(d)

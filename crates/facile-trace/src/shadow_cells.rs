@@ -1,0 +1,273 @@
+//! Shadow rays of one light without a tree: rays are sorted into the cells of an image that the light sees, and triangles
+//! are drawn over the cells.
+//!
+//! A ray towards a point light is one point of the light's image, so only triangles around that point can block it. Each
+//! gets the test that a packet through the tree would give it, on the same numbers: the cells decide what is tested and
+//! never what is blocked. Source: Johnson, Lee, Burns, Mark, The Irregular Z-Buffer, ACM TOG 24(4), 2005.
+
+use crate::footprint::{LocalProjection, Projection, Steps, footprints};
+use crate::lanes::{Eight, Kernel, LANES, LaneMask, Lanes, V3, lanes_of, run};
+use crate::light::Light;
+use crate::math::Vec3;
+use crate::object::Object;
+use crate::packet::{RayBlock, ShearBlock, meet_sheared};
+
+/// Rays of a cell on average.
+const RAYS_PER_CELL: usize = 4;
+
+/// More triangles per ray than this, and packets through the tree are faster.
+const MAX_TRIANGLES_PER_RAY: usize = 8;
+
+/// Share of the largest distance by which a depth must be larger to be behind for sure.
+const DEPTH_SLACK: f32 = 2e-5;
+
+/// Rays of one cell.
+#[derive(Clone, Copy, Default)]
+struct CellBlock {
+    origin: [Eight; 3],
+    direction: [Eight; 3],
+    t_max: Eight,
+    shear: ShearBlock,
+    /// Largest depth of the rays' starts in the light's image.
+    furthest: f32,
+    /// Lanes with a ray that nothing blocks so far.
+    open: u32,
+    /// Ray of each lane.
+    ray: [u32; LANES],
+}
+
+/// Whether sorting `rays` into cells is possible and worth it for an object: it is posed as its mesh is, lies on one side
+/// of the light, and has few enough triangles.
+pub(crate) fn suits(object: &Object, image: &Projection, rays: usize) -> bool {
+    object.world_from_object.is_none()
+        && object.geometry.triangles.len() <= MAX_TRIANGLES_PER_RAY * rays
+        && object
+            .bounds_in_world()
+            .is_some_and(|b| image.is_in_front(b))
+}
+
+/// The image that a light sees of the starts of `count` rays. `None` if there is none, such as for a light among them.
+pub(crate) fn image_of(light: &Light, blocks: &[RayBlock], count: usize) -> Option<Projection> {
+    let (mut min, mut max) = (Vec3::repeat(f32::INFINITY), Vec3::repeat(f32::NEG_INFINITY));
+    for i in 0..count {
+        let origin = &blocks[i / LANES].origin;
+        let p = Vec3::from_fn(|k, _| origin[k].0[i % LANES]);
+        (min, max) = (min.inf(&p), max.sup(&p));
+    }
+    if count == 0 || !(max - min).iter().all(|v| v.is_finite()) {
+        return None;
+    }
+    let image = match light {
+        Light::Point { position, .. } | Light::Spot { position, .. } => {
+            Projection::through(*position, min, max)
+        }
+        Light::Directional { towards, .. } => Projection::along(-towards, min, max),
+        Light::Ambient { .. } => None,
+    }?;
+    image.is_in_front((min, max)).then_some(image)
+}
+
+/// Sets bit `k` of `blocked[i]` where lane `k` of `blocks[i]`, one of the first `count` rays, meets one of `objects`.
+/// All rays run along the lines of `image`.
+pub(crate) fn block(
+    objects: &[&Object],
+    image: &Projection,
+    blocks: &[RayBlock],
+    count: usize,
+    blocked: &mut [u32],
+) {
+    run(Block {
+        objects,
+        image: *image,
+        blocks,
+        count,
+        blocked,
+    });
+}
+
+struct Block<'a> {
+    objects: &'a [&'a Object],
+    image: Projection,
+    blocks: &'a [RayBlock],
+    count: usize,
+    blocked: &'a mut [u32],
+}
+
+/// The cells and what they hold, row by row.
+struct Cells {
+    columns: usize,
+    rows: usize,
+    /// First block of each cell, and the number of blocks.
+    first: Vec<u32>,
+    blocks: Vec<CellBlock>,
+}
+
+impl Kernel for Block<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(mut self) {
+        let reach = self.reach();
+        let mut cells = self.sort::<L>(reach);
+        let local = self.image.in_frame_of(None, reach);
+        let steps = Steps {
+            count: [cells.columns, cells.rows],
+            first: [0.0; 2],
+            is_lattice: false,
+        };
+        for object in self.objects {
+            // In leaf order neighbours come together
+            for triangles in object.bvh.corners.chunks(LANES) {
+                let found = footprints::<L>(&local, &steps, triangles);
+                for lane in lanes_of(found.present) {
+                    let corners = &triangles[lane];
+                    let nearest = found.nearest.0[lane] - DEPTH_SLACK * reach;
+                    let columns = found.first[0][lane] as usize..=found.last[0][lane] as usize;
+                    for row in found.first[1][lane] as usize..=found.last[1][lane] as usize {
+                        let from = row * cells.columns;
+                        let first = cells.first[from + columns.start()] as usize;
+                        let end = cells.first[from + columns.end() + 1] as usize;
+                        for block in &mut cells.blocks[first..end] {
+                            if block.open != 0 && nearest <= block.furthest {
+                                block.draw::<L>(corners);
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        for block in &cells.blocks {
+            let closed = block.shear.by_axis.iter().fold(0, |all, b| all | b) & !block.open;
+            for lane in lanes_of(closed) {
+                let ray = block.ray[lane] as usize;
+                self.blocked[ray / LANES] |= 1 << (ray % LANES);
+            }
+        }
+    }
+}
+
+impl Block<'_> {
+    /// Largest distance of anything from the image's origin, mm.
+    fn reach(&self) -> f32 {
+        let boxes = self.objects.iter().filter_map(|o| o.bounds_in_world());
+        let corners = boxes.flat_map(|(min, max)| [min, max]);
+        let origin = self.image.origin();
+        let of_objects = corners
+            .map(|c| (c - origin).abs().norm())
+            .fold(0.0, f32::max);
+        // Rays start on the objects, or somewhere near them
+        2.0 * of_objects
+    }
+
+    /// Sorts the rays into cells.
+    #[inline(always)]
+    fn sort<L: Lanes>(&mut self, reach: f32) -> Cells {
+        // Find where the rays appear
+        let local = self.image.in_frame_of(None, reach);
+        let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
+        let mut at: Vec<[f32; 3]> = Vec::with_capacity(self.count);
+        self.place::<L>(&local, &mut at);
+        for p in &at {
+            for k in 0..2 {
+                low[k] = low[k].min(p[k]);
+                high[k] = high[k].max(p[k]);
+            }
+        }
+        // Lay square cells over them
+        let size = [0, 1].map(|k| (high[k] - low[k]).max(1e-6));
+        let wanted = (self.count / RAYS_PER_CELL).max(1) as f32;
+        let across = (wanted * size[0] / size[1]).sqrt().clamp(1.0, 4096.0);
+        let columns = across.ceil() as usize;
+        let rows = ((wanted / across).ceil() as usize).clamp(1, 4096);
+        let steps = [columns as f32, rows as f32];
+        self.image.fit(low, high, steps);
+        let scale = [0, 1].map(|k| steps[k] / size[k]);
+        // Count the rays of each cell, and give them whole blocks
+        let mut cell_of = Vec::with_capacity(self.count);
+        let mut next = vec![0_u32; columns * rows];
+        for p in &at {
+            let x = (((p[0] - low[0]) * scale[0]) as usize).min(columns - 1);
+            let y = (((p[1] - low[1]) * scale[1]) as usize).min(rows - 1);
+            cell_of.push((y * columns + x) as u32);
+            next[y * columns + x] += 1;
+        }
+        let mut first = Vec::with_capacity(next.len() + 1);
+        let mut total = 0;
+        for slot in &mut next {
+            first.push(total);
+            total += slot.div_ceil(LANES as u32);
+            *slot = first[first.len() - 1] * LANES as u32;
+        }
+        first.push(total);
+        // Move the rays there
+        let empty = CellBlock {
+            direction: [Eight([1.0; LANES]); 3],
+            furthest: f32::NEG_INFINITY,
+            ..CellBlock::default()
+        };
+        let mut blocks = vec![empty; total as usize];
+        for (ray, (cell, p)) in cell_of.iter().zip(&at).enumerate() {
+            let slot = next[*cell as usize] as usize;
+            next[*cell as usize] += 1;
+            let (own, lane) = (&mut blocks[slot / LANES], slot % LANES);
+            let (from, k) = (&self.blocks[ray / LANES], ray % LANES);
+            for axis in 0..3 {
+                own.origin[axis].0[lane] = from.origin[axis].0[k];
+                own.direction[axis].0[lane] = from.direction[axis].0[k];
+            }
+            own.t_max.0[lane] = from.t_max.0[k];
+            own.furthest = own.furthest.max(p[2]);
+            own.ray[lane] = ray as u32;
+            own.open |= 1 << lane;
+        }
+        for block in &mut blocks {
+            block.shear = ShearBlock::new::<L>(&block.direction, block.open);
+        }
+        Cells {
+            columns,
+            rows,
+            first,
+            blocks,
+        }
+    }
+
+    /// Image position and depth of the start of each ray.
+    #[inline(always)]
+    fn place<L: Lanes>(&self, local: &LocalProjection, at: &mut Vec<[f32; 3]>) {
+        for (index, block) in self.blocks.iter().enumerate() {
+            let V3([x, y, z]) = local.project::<L>(&block.origin);
+            let (x, y, z) = (x.store().0, y.store().0, z.store().0);
+            for k in 0..LANES.min(self.count - (index * LANES).min(self.count)) {
+                at.push([x[k], y[k], z[k]]);
+            }
+        }
+    }
+}
+
+impl CellBlock {
+    /// Closes the lanes that a triangle blocks.
+    #[inline(always)]
+    fn draw<L: Lanes>(&mut self, [a, b, c]: &[Vec3; 3]) {
+        let shear = self.shear.shear::<L>();
+        for axis in self.shear.axes() {
+            let [i, j, k] = ShearBlock::axes_from(axis);
+            let x = L::load(&self.origin[i]);
+            let y = L::load(&self.origin[j]);
+            let z = L::load(&self.origin[k]);
+            let Some(meeting) = meet_sheared(
+                [
+                    [L::splat(a[i]) - x, L::splat(a[j]) - y, L::splat(a[k]) - z],
+                    [L::splat(b[i]) - x, L::splat(b[j]) - y, L::splat(b[k]) - z],
+                    [L::splat(c[i]) - x, L::splat(c[j]) - y, L::splat(c[k]) - z],
+                ],
+                &shear,
+                L::Mask::from_bits(self.shear.by_axis[axis] & self.open),
+            ) else {
+                continue;
+            };
+            let after_start = L::splat(0.0).lt(meeting.t);
+            let before_end = meeting.t.lt(L::load(&self.t_max));
+            self.open &= !(meeting.met & after_start & before_end).bits();
+        }
+    }
+}
