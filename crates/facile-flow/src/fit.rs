@@ -5,14 +5,14 @@
 //! shapes come closer the flow has less to explain and the channels mean the same on both sides: plain flow between
 //! two different heads does not have that. Source: [BPV06], bootstrapping.
 
-use facile_core::math::fit_similarity;
 use facile_core::mesh::vertex_normals;
-use facile_core::{Isometry3, Point3, Vector3};
+use facile_core::{Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::cage::Target;
+use crate::channels::{CylinderImage, MEAN};
 use crate::flow::{DisplacementField, displacement_field, forward_backward};
-use crate::identity_fit::FineModes;
+use crate::identity_fit::{FineModes, Identity};
 use crate::pyramid::Pyramid;
 use crate::radial_map::CylinderGrid;
 use crate::scan::{ScanView, WorkingScan};
@@ -30,13 +30,27 @@ const NOMINAL_RADIUS: f64 = 80.0;
 pub(crate) struct Shape {
     /// Cage positions, mm, head frame of the scan.
     pub(crate) cage: Vec<Vector3>,
-    /// Size of the head against the reference's.
-    pub(crate) size: f64,
-    /// Distance between forward and backward flow at each fine vertex, mm; infinite where the flow says nothing.
-    pub(crate) forward_backward: Vec<f64>,
-    /// Share of its displacement that the flow determined at each fine vertex, `[0, 1]`.
-    pub(crate) confidence: Vec<f64>,
+    /// The mixture of the identity model's modes below the smooth deformation.
+    pub(crate) identity: Identity,
+    /// What the last flow said of each fine vertex.
+    pub(crate) evidence: Vec<Evidence>,
+    /// Correlation of mean curvature between the reference's face and the scan before the flow, `[-1, 1]`.
+    pub(crate) curvature_correlation: f64,
 }
+
+/// What the flow knows about one fine vertex.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Evidence {
+    /// Distance between forward and backward flow, mm; infinite where the flow says nothing.
+    pub(crate) forward_backward: f64,
+    /// Share of its displacement that the flow determined, `[0, 1]`.
+    pub(crate) confidence: f64,
+}
+
+const NO_EVIDENCE: Evidence = Evidence {
+    forward_backward: f64::INFINITY,
+    confidence: 0.0,
+};
 
 /// A grid that covers the face.
 pub(crate) fn face_grid(cell_mm: f64) -> CylinderGrid {
@@ -44,6 +58,9 @@ pub(crate) fn face_grid(cell_mm: f64) -> CylinderGrid {
 }
 
 /// Fits the template to `scan`, which is moved so that the head frame fits the deformed template.
+///
+/// # Errors
+/// [`FlowError::NoFace`] if the curvature of the two does not agree.
 pub(crate) fn fit_shape(
     template: &Template<'_>,
     modes: &FineModes,
@@ -52,37 +69,87 @@ pub(crate) fn fit_shape(
     params: &RegistrationParams,
 ) -> Result<Shape, FlowError> {
     let grid = face_grid(params.cell_mm);
-    let n = template.reference.mesh.positions.len();
     let rest = &template.reference.cage.positions;
+    let identity = modes.mean(size);
     let mut shape = Shape {
-        cage: modes.cage(rest, &[], size),
-        size,
-        forward_backward: vec![f64::INFINITY; n],
-        confidence: vec![0.0; n],
+        cage: modes.cage(rest, &identity),
+        identity,
+        evidence: vec![NO_EVIDENCE; template.reference.mesh.positions.len()],
+        curvature_correlation: 0.0,
     };
     for k in 0..params.nearest_rounds {
         let share = k as f64 / params.nearest_rounds as f64;
         let fine = template.fine(&shape.cage);
         let mut goals = nearest_goals(template, scan, &fine, 18.0 - 10.0 * share);
-        shape.cage = fit_identity(template, modes, scan, &mut shape, &mut goals);
+        fit_identity(template, modes, scan, &mut shape, &mut goals);
+        shape.cage = modes.cage(rest, &shape.identity);
     }
     let with_color = scan.has_color();
-    for &length in &params.smoothing_mm {
-        let fine = template.fine(&shape.cage);
+    for (round, &length) in params.smoothing_mm.iter().enumerate() {
         let view = template.view(
-            fine,
+            template.fine(&shape.cage),
             grid,
             &params.weights,
             params.curvature_sigma_mm,
             with_color,
         );
-        let seen = scan.view(grid, &params.weights);
-        let mut goals = follow_flow(template, &view, &seen, scan, &mut shape, params);
-        let base = fit_identity(template, modes, scan, &mut shape, &mut goals);
+        let seen = scan.view(grid, &params.weights, params.curvature_sigma_mm);
+        if round == 0 {
+            shape.curvature_correlation = check_face(&view, &seen, params)?;
+        }
+        let last = round + 1 == params.smoothing_mm.len();
+        let mut goals = follow_flow(template, &view, &seen, scan, &mut shape, params, last);
+        fit_identity(template, modes, scan, &mut shape, &mut goals);
+        let base = modes.cage(rest, &shape.identity);
         let displacement = deform(template, &base, &goals, length)?;
         shape.cage = base.iter().zip(displacement).map(|(b, d)| b + d).collect();
     }
     Ok(shape)
+}
+
+/// Correlates mean curvature between the reference's face, posed on the scan, and the scan.
+fn check_face(
+    view: &TemplateView,
+    seen: &ScanView,
+    params: &RegistrationParams,
+) -> Result<f64, FlowError> {
+    let grid = &seen.map.grid;
+    let mut pairs = Vec::new();
+    for y in 0..grid.height {
+        for x in 0..grid.width {
+            let (h, phi) = grid.cylinder_from_cell([x as f64, y as f64]);
+            if phi.abs() < 1.0 && (-100.0..40.0).contains(&h) {
+                let weight = view.image.mask[(x, y)] * seen.image.mask[(x, y)];
+                let mean = |image: &CylinderImage| f64::from(image.values[(x, y)][MEAN]);
+                pairs.push((mean(&view.image), mean(&seen.image), f64::from(weight)));
+            }
+        }
+    }
+    let found = correlation(&pairs);
+    let limit = params.min_curvature_correlation;
+    if found < limit {
+        return Err(FlowError::NoFace {
+            measure: "the correlation of its curvature with a face's",
+            found,
+            relation: "at least",
+            limit,
+        });
+    }
+    Ok(found)
+}
+
+/// Weighted correlation of pairs `(a, b, weight)`; 0 for fewer than ten.
+fn correlation(pairs: &[(f64, f64, f64)]) -> f64 {
+    let total: f64 = pairs.iter().map(|p| p.2).sum();
+    if pairs.len() < 10 || total <= 0.0 {
+        return 0.0;
+    }
+    let mean =
+        |f: &dyn Fn(&(f64, f64, f64)) -> f64| pairs.iter().map(|p| f(p) * p.2).sum::<f64>() / total;
+    let (a, b) = (mean(&|p| p.0), mean(&|p| p.1));
+    let covariance = mean(&|p| (p.0 - a) * (p.1 - b));
+    let spread = (mean(&|p| (p.0 - a).powi(2)) * mean(&|p| (p.1 - b).powi(2))).sqrt();
+    covariance / spread.max(1e-12)
 }
 
 /// Where a fine vertex should be.
@@ -128,30 +195,31 @@ fn nearest_goals(
         .collect()
 }
 
-/// Alternates pose, size and modes; moves the scan (and the goals) into the head frame. Returns the fitted cage.
+/// Fits pose, size and modes; moves the scan (and the goals) so that the head frame stays the identity's.
 fn fit_identity(
     template: &Template<'_>,
     modes: &FineModes,
     scan: &mut WorkingScan<'_>,
     shape: &mut Shape,
     goals: &mut [Goal],
-) -> Vec<Vector3> {
-    let rest = &template.reference.cage.positions;
-    let mean = &template.reference.mesh.positions;
+) {
     let normals = vertex_normals(
         &template.fine(&shape.cage),
         &template.reference.mesh.triangles,
     );
-    let mut coefficients: Vec<f64> = Vec::new();
-    for _ in 0..3 {
-        let unit = modes.cage(rest, &coefficients, 1.0);
-        align(template, &unit, scan, shape, goals);
-        coefficients = modes.fit(template, mean, &normals, goals, shape.size);
+    for _ in 0..2 {
+        let cage = modes.cage(&template.reference.cage.positions, &shape.identity);
+        let positions = template.fine(&cage);
+        let face_motion = modes.step(template, &positions, &normals, goals, &mut shape.identity);
+        let motion = face_motion.inverse();
+        scan.transform(&motion);
+        for goal in goals.iter_mut() {
+            goal.at = motion * goal.at;
+        }
     }
-    modes.cage(rest, &coefficients, shape.size)
 }
 
-/// Computes the flow both ways and reads where it leads the visible vertices.
+/// Computes the flow (and its way back, for the weights, if `both_ways`) and reads where it leads the visible vertices.
 fn follow_flow(
     template: &Template<'_>,
     view: &TemplateView,
@@ -159,19 +227,22 @@ fn follow_flow(
     scan: &WorkingScan<'_>,
     shape: &mut Shape,
     params: &RegistrationParams,
+    both_ways: bool,
 ) -> Vec<Goal> {
     let source = Pyramid::new(view.image.clone(), params.flow.levels);
     let target = Pyramid::new(seen.image.clone(), params.flow.levels);
     let (forward, backward) = rayon::join(
         || displacement_field(&source, &target, &params.flow),
-        || displacement_field(&target, &source, &params.flow),
+        || both_ways.then(|| displacement_field(&target, &source, &params.flow)),
     );
-    let distance = forward_backward(&forward, &backward);
+    let distance = match &backward {
+        Some(backward) => forward_backward(&forward, backward),
+        None => forward.confidence.map(|_| 0.0),
+    };
     let cell = seen.map.grid.h_step;
     let mut goals = Vec::new();
     for (v, p) in view.mesh.positions.iter().enumerate() {
-        shape.forward_backward[v] = f64::INFINITY;
-        shape.confidence[v] = 0.0;
+        shape.evidence[v] = NO_EVIDENCE;
         if !view.visible[v] || template.skin[v] <= 0.0 {
             continue;
         }
@@ -190,8 +261,10 @@ fn follow_flow(
         let weight = template.skin[v] * (0.3 + 0.7 * confidence)
             / (1.0 + (round_trip / 2.0).powi(2))
             / (1.0 + (far / 12.0).powi(4));
-        shape.forward_backward[v] = round_trip;
-        shape.confidence[v] = confidence;
+        shape.evidence[v] = Evidence {
+            forward_backward: round_trip,
+            confidence,
+        };
         goals.push(Goal {
             vertex: v as u32,
             at: goal,
@@ -229,33 +302,6 @@ fn scan_normal(seen: &ScanView, scan: &WorkingScan<'_>, [x, y]: [f64; 2]) -> Opt
         y.round() as usize,
     )?;
     normal.try_normalize(1e-12)
-}
-
-/// Moves the scan (and the goals with it) so that `rest` in the head frame fits the goals best, and updates the size.
-fn align(
-    template: &Template<'_>,
-    rest: &[Vector3],
-    scan: &mut WorkingScan<'_>,
-    shape: &mut Shape,
-    goals: &mut [Goal],
-) {
-    let fine = template.fine(rest);
-    let (mut from, mut to, mut weights) = (Vec::new(), Vec::new(), Vec::new());
-    for goal in goals.iter() {
-        let v = goal.vertex as usize;
-        from.push(fine[v]);
-        to.push(goal.at);
-        weights.push(goal.weight * template.areas[v]);
-    }
-    let Some(fit) = fit_similarity(&from, &to, &weights) else {
-        return;
-    };
-    shape.size = fit.scaling();
-    let motion: Isometry3 = fit.isometry.inverse();
-    scan.transform(&motion);
-    for goal in goals {
-        goal.at = motion * goal.at;
-    }
 }
 
 /// Displacements of the cage that bring the fine vertices to their goals.

@@ -6,7 +6,7 @@ use crate::FlowError;
 use crate::adjacency::Adjacency;
 use crate::cage::CageFit;
 use crate::channels::{Attributes, ChannelWeights, CylinderImage, cylinder_image};
-use crate::curvature::vertex_curvature;
+use crate::curvature::vertex_operators;
 use crate::radial_map::{CylinderGrid, HOLE, RadialMap, visible_vertices};
 
 /// A vertex this far below the outermost surface is hidden, mm.
@@ -87,7 +87,7 @@ impl<'a> Template<'a> {
         let normals = mesh.vertex_normals();
         let map = RadialMap::cast(&mesh.positions, &mesh.triangles, grid);
         let visible = visible_vertices(&map, &mesh.positions, VISIBLE_SLACK);
-        let curvature = vertex_curvature(&mesh, &normals, curvature_sigma);
+        let operators = vertex_operators(&mesh, &normals);
         let color = with_color.then(|| {
             Plane::from_fn(grid.width, grid.height, |x, y| {
                 map.interpolate(&mesh.triangles, &self.colors, x, y)
@@ -96,7 +96,8 @@ impl<'a> Template<'a> {
         });
         let attributes = Attributes {
             normals: &normals,
-            curvature: &curvature,
+            operators: &operators,
+            curvature_sigma,
             color: color.as_ref(),
         };
         let trust = |t: u32| {
@@ -112,7 +113,6 @@ impl<'a> Template<'a> {
             normals,
             visible,
             image,
-            mean_curvature: curvature.mean,
         }
     }
 }
@@ -123,7 +123,6 @@ pub(crate) struct TemplateView {
     pub(crate) normals: Vec<Vector3>,
     pub(crate) visible: Vec<bool>,
     pub(crate) image: CylinderImage,
-    pub(crate) mean_curvature: Vec<f64>,
 }
 
 /// A third of the area of each vertex's triangles, mm^2.

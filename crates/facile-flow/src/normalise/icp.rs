@@ -3,7 +3,32 @@
 use facile_core::{Point3, Similarity3, UnitQuaternion, Vector3};
 use nalgebra::{SMatrix, SVector, Translation3};
 
+use super::cubes::Cubes;
 use crate::surface::Surface;
+
+/// What a pose can be refined against: a surface, or its even points where speed counts.
+pub(crate) trait Target {
+    /// A point of the surface near `p`, and the unit normal there; `None` if it is further than `reach` mm.
+    fn nearest(&self, p: &Point3, reach: f64) -> Option<(Point3, Vector3)>;
+}
+
+impl Target for Surface {
+    fn nearest(&self, p: &Point3, reach: f64) -> Option<(Point3, Vector3)> {
+        let hit = Surface::nearest(self, p, reach)?;
+        Some((hit.point, self.normal(&hit)))
+    }
+}
+
+impl Target for Cubes {
+    fn nearest(&self, p: &Point3, reach: f64) -> Option<(Point3, Vector3)> {
+        let (point, normal) = Cubes::nearest(self, p)?;
+        // The foot on the point's plane: the points are too sparse to be distances.
+        let foot = p - normal * normal.dot(&(p - point));
+        let near = (foot - point).norm() < 2.0 * super::cubes::SIDE;
+        let point = if near { foot } else { point };
+        ((point - p).norm() <= reach).then_some((point, normal))
+    }
+}
 
 /// Points of the reference's face with normals, reference frame.
 pub(crate) struct FacePoints {
@@ -50,33 +75,37 @@ struct Pair {
 
 fn pairs(
     face: &FacePoints,
-    scan: &Surface,
+    scan: &impl Target,
     pose: &Similarity3,
     reach: f64,
 ) -> impl Iterator<Item = Option<Pair>> {
     (face.points.iter()).zip(&face.normals).map(move |(p, n)| {
         let from = pose * p;
-        let hit = scan.nearest(&from, reach)?;
-        let normal = scan.normal(&hit);
+        let (to, normal) = scan.nearest(&from, reach)?;
         if normal.dot(&(pose.isometry.rotation * n)) < 0.5 {
             return None;
         }
-        let distance = (hit.point - from).norm();
+        let distance = (to - from).norm();
         Some(Pair {
             from,
-            to: hit.point,
+            to,
             normal,
             distance,
         })
     })
 }
 
-/// Scores a pose. Cost O(n log m).
-pub(crate) fn score(face: &FacePoints, scan: &Surface, pose: &Similarity3) -> PoseScore {
+/// Scores a pose; points without surface within `reach` mm count as that far. Cost O(n log m).
+pub(crate) fn score(
+    face: &FacePoints,
+    scan: &impl Target,
+    pose: &Similarity3,
+    reach: f64,
+) -> PoseScore {
     let (mut found, mut square, mut total) = (0.0, 0.0, 0.0);
-    for pair in pairs(face, scan, pose, REACH) {
+    for pair in pairs(face, scan, pose, reach) {
         total += 1.0;
-        let distance = pair.map_or(REACH, |p| {
+        let distance = pair.map_or(reach, |p| {
             found += 1.0;
             p.distance
         });
@@ -95,7 +124,7 @@ pub(crate) fn score(face: &FacePoints, scan: &Surface, pose: &Similarity3) -> Po
 /// Source: Chen and Medioni 1992 (planes); Chetverikov et al. 2002 (trimming).
 pub(crate) fn refine(
     face: &FacePoints,
-    scan: &Surface,
+    scan: &impl Target,
     mut pose: Similarity3,
     iterations: usize,
     reach: f64,
