@@ -6,7 +6,7 @@
 //! two different heads does not have that. Source: [BPV06], bootstrapping.
 
 use facile_core::mesh::vertex_normals;
-use facile_core::{Point3, Vector3};
+use facile_core::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::cage::Target;
@@ -81,30 +81,55 @@ pub(crate) fn fit_shape(
         let share = k as f64 / params.nearest_rounds as f64;
         let fine = template.fine(&shape.cage);
         let mut goals = nearest_goals(template, scan, &fine, 18.0 - 10.0 * share);
-        fit_identity(template, modes, scan, &mut shape, &mut goals);
+        let motion = fit_identity(template, modes, &mut shape, &mut goals);
+        scan.transform(&motion.inverse());
         shape.cage = modes.cage(rest, &shape.identity);
     }
     let with_color = scan.has_color();
+    // From here on the scan stays, so that it is drawn on the cylinder once, and the head moves.
+    let seen = ScanSight::new(scan, grid, params);
+    let mut pose = Isometry3::identity();
     for (round, &length) in params.smoothing_mm.iter().enumerate() {
+        let mut posed = template.fine(&shape.cage);
+        for p in &mut posed {
+            *p = pose * *p;
+        }
         let view = template.view(
-            template.fine(&shape.cage),
+            posed,
             grid,
             &params.weights,
             params.curvature_sigma_mm,
             with_color,
         );
-        let seen = scan.view(grid, &params.weights, params.curvature_sigma_mm);
         if round == 0 {
-            shape.curvature_correlation = check_face(&view, &seen, params)?;
+            shape.curvature_correlation = check_face(&view, &seen.view, params)?;
         }
         let last = round + 1 == params.smoothing_mm.len();
         let mut goals = follow_flow(template, &view, &seen, scan, &mut shape, params, last);
-        fit_identity(template, modes, scan, &mut shape, &mut goals);
+        for goal in &mut goals {
+            goal.at = pose.inverse() * goal.at;
+        }
+        pose *= fit_identity(template, modes, &mut shape, &mut goals);
         let base = modes.cage(rest, &shape.identity);
         let displacement = deform(template, &base, &goals, length)?;
         shape.cage = base.iter().zip(displacement).map(|(b, d)| b + d).collect();
     }
+    scan.transform(&pose.inverse());
     Ok(shape)
+}
+
+/// The scan on the cylinder, with its pyramid.
+struct ScanSight {
+    view: ScanView,
+    pyramid: Pyramid,
+}
+
+impl ScanSight {
+    fn new(scan: &WorkingScan<'_>, grid: CylinderGrid, params: &RegistrationParams) -> Self {
+        let view = scan.view(grid, &params.weights, params.curvature_sigma_mm);
+        let pyramid = Pyramid::new(view.image.clone(), params.flow.levels);
+        Self { view, pyramid }
+    }
 }
 
 /// Correlates mean curvature between the reference's face, posed on the scan, and the scan.
@@ -195,45 +220,46 @@ fn nearest_goals(
         .collect()
 }
 
-/// Fits pose, size and modes; moves the scan (and the goals) so that the head frame stays the identity's.
+/// Fits pose, size and modes; returns the motion of the head towards the goals, and moves these back by it, into the
+/// head's frame.
 fn fit_identity(
     template: &Template<'_>,
     modes: &FineModes,
-    scan: &mut WorkingScan<'_>,
     shape: &mut Shape,
     goals: &mut [Goal],
-) {
+) -> Isometry3 {
     let normals = vertex_normals(
         &template.fine(&shape.cage),
         &template.reference.mesh.triangles,
     );
+    let mut whole = Isometry3::identity();
     for _ in 0..2 {
         let cage = modes.cage(&template.reference.cage.positions, &shape.identity);
         let positions = template.fine(&cage);
-        let face_motion = modes.step(template, &positions, &normals, goals, &mut shape.identity);
-        let motion = face_motion.inverse();
-        scan.transform(&motion);
+        let motion = modes.step(template, &positions, &normals, goals, &mut shape.identity);
         for goal in goals.iter_mut() {
-            goal.at = motion * goal.at;
+            goal.at = motion.inverse() * goal.at;
         }
+        whole *= motion;
     }
+    whole
 }
 
 /// Computes the flow (and its way back, for the weights, if `both_ways`) and reads where it leads the visible vertices.
 fn follow_flow(
     template: &Template<'_>,
     view: &TemplateView,
-    seen: &ScanView,
+    sight: &ScanSight,
     scan: &WorkingScan<'_>,
     shape: &mut Shape,
     params: &RegistrationParams,
     both_ways: bool,
 ) -> Vec<Goal> {
     let source = Pyramid::new(view.image.clone(), params.flow.levels);
-    let target = Pyramid::new(seen.image.clone(), params.flow.levels);
+    let (seen, target) = (&sight.view, &sight.pyramid);
     let (forward, backward) = rayon::join(
-        || displacement_field(&source, &target, &params.flow),
-        || both_ways.then(|| displacement_field(&target, &source, &params.flow)),
+        || displacement_field(&source, target, &params.flow),
+        || both_ways.then(|| displacement_field(target, &source, &params.flow)),
     );
     let distance = match &backward {
         Some(backward) => forward_backward(&forward, backward),

@@ -34,5 +34,5 @@ mod texture;
 
 pub use error::FlowError;
 pub use params::RegistrationParams;
-pub use register::{Registrar, Registration, register};
+pub use register::{Registrar, Registration, StageTime, register};
 pub use report::RegistrationReport;

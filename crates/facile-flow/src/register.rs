@@ -1,6 +1,7 @@
 //! The whole way of one scan: normalise, flow and fit, settle, eyes, texture, report.
 
 use std::sync::OnceLock;
+use std::time::Instant;
 
 use facile_core::io::Scan;
 use facile_core::{Attributes, IdentityModel, ReferenceHead, Similarity3, Subject};
@@ -24,6 +25,39 @@ pub struct Registration {
     pub head_from_scan: Similarity3,
     /// How good it is.
     pub report: RegistrationReport,
+    /// Wall time of each stage.
+    pub times: Vec<StageTime>,
+}
+
+/// How long one stage of a registration took.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StageTime {
+    /// The stage.
+    pub stage: &'static str,
+    /// Wall time, s.
+    pub seconds: f64,
+}
+
+/// Measures stage after stage.
+struct Clock {
+    last: Instant,
+    times: Vec<StageTime>,
+}
+
+impl Clock {
+    fn start() -> Self {
+        Self {
+            last: Instant::now(),
+            times: Vec::new(),
+        }
+    }
+
+    fn stop(&mut self, stage: &'static str) {
+        let now = Instant::now();
+        let seconds = (now - self.last).as_secs_f64();
+        self.times.push(StageTime { stage, seconds });
+        self.last = now;
+    }
 }
 
 /// Registers scans to one reference head. Holds what every scan needs, so make it once for many.
@@ -73,17 +107,23 @@ impl<'a> Registrar<'a> {
     /// [`FlowError::TooFewTriangles`] and [`FlowError::NoFace`] with the measure that failed.
     pub fn register(&self, input: &Scan) -> Result<Registration, FlowError> {
         let (template, params) = (&self.template, &self.params);
+        let mut clock = Clock::start();
         let cleaned = clean(&input.mesh)?;
+        clock.stop("clean");
         let pose = find_face(
             &self.face,
             &cleaned.mesh,
             &cleaned.normals,
             &params.normalise,
         )?;
+        clock.stop("normalise");
         let mut scan = WorkingScan::new(cleaned, input.texture.as_ref(), &pose.head_from_scan)?;
+        clock.stop("prepare");
         let mut shape = fit_shape(template, &self.modes, &mut scan, pose.size, params)?;
+        clock.stop("fit");
         let mut settled = settle(template, &scan, &mut shape.cage, params)?;
         let folded = folds::unfold(template, &mut settled.positions, shape.identity.size, 30);
+        clock.stop("settle");
         let expected_error = expected_error(template, &shape, &settled);
         let head_from_scan = scan.head_from_scan();
         let report = self.report(
@@ -106,10 +146,12 @@ impl<'a> Registrar<'a> {
             positions: settled.positions,
             expected_error,
         };
+        clock.stop("texture");
         Ok(Registration {
             subject,
             head_from_scan,
             report,
+            times: clock.times,
         })
     }
 
