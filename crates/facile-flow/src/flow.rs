@@ -38,7 +38,7 @@ impl Default for FlowParams {
             levels: 4,
             warps: 3,
             window_cells: 1.5,
-            smoothness: 0.02,
+            smoothness: 0.2,
             outlier: 0.3,
             sweeps: 20,
         }
@@ -84,7 +84,7 @@ pub fn displacement_field(
                 solve_alone(&mut v, &normal);
             }
             if level == 0 && warp + 1 == params.warps.max(1) {
-                confidence = normal.map(|n| determinacy(n, params.smoothness as f32));
+                confidence = normal.map(|n| determinacy(n));
             }
         }
         field = Some(v);
@@ -298,10 +298,13 @@ fn eigenvalues(xx: f32, xy: f32, yy: f32) -> (f32, f32) {
     ((half - spread).max(0.0), half + spread)
 }
 
-/// Share of the displacement that the window itself determines, against its neighbours' pull.
-fn determinacy(&[xx, xy, yy, ..]: &Normal, smoothness: f32) -> f32 {
+/// Smaller eigenvalue of a window at which half of the displacement counts as its own.
+const HALF_DETERMINED: f32 = 0.005;
+
+/// Share of the displacement that the window itself determines.
+fn determinacy(&[xx, xy, yy, ..]: &Normal) -> f32 {
     let (small, _) = eigenvalues(xx, xy, yy);
-    small / (small + smoothness.max(1e-4))
+    small / (small + HALF_DETERMINED)
 }
 
 #[cfg(test)]

@@ -16,7 +16,7 @@ use crate::template::Template;
 /// Error of one independent goal that the fit reckons with, mm.
 const GOAL_ERROR: f64 = 1.5;
 /// Area of skin whose goals err together, mm^2: as many goals as fit in there count as one.
-const INDEPENDENT_AREA: f64 = 150.0;
+const INDEPENDENT_AREA: f64 = 500.0;
 /// Largest coefficient, in standard deviations of the population.
 const LARGEST: f64 = 3.0;
 /// Standard deviation of the logarithm of a head's size that is not in the modes.

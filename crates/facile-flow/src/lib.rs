@@ -12,6 +12,7 @@ pub mod flow;
 pub mod normalise;
 pub mod pyramid;
 pub mod radial_map;
+pub mod synthetic;
 
 mod adjacency;
 mod blur;

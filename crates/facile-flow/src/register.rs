@@ -121,7 +121,7 @@ impl<'a> Registrar<'a> {
         clock.stop("prepare");
         let mut shape = fit_shape(template, &self.modes, &mut scan, pose.size, params)?;
         clock.stop("fit");
-        let mut settled = settle(template, &scan, &mut shape.cage, params)?;
+        let mut settled = settle(template, &scan, &mut shape, params)?;
         let folded = folds::unfold(template, &mut settled.positions, shape.identity.size, 30);
         clock.stop("settle");
         let expected_error = expected_error(template, &shape, &settled);

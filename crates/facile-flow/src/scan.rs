@@ -6,7 +6,7 @@ use crate::FlowError;
 use crate::channels::{Attributes, ChannelWeights, CylinderImage, cylinder_image};
 use crate::curvature::{Operator, vertex_operators};
 use crate::decimate::thin_out;
-use crate::neighbors::TriangleNeighbors;
+use crate::neighbors::{NONE, TriangleNeighbors};
 use crate::radial_map::{CylinderGrid, HOLE, RadialMap};
 use crate::surface::Surface;
 
@@ -165,6 +165,39 @@ impl<'a> WorkingScan<'a> {
             triangle: hit.triangle,
             barycentric: hit.barycentric,
         })
+    }
+
+    /// As [`Self::nearest`], by a walk from triangle `start`, if it ends within `reach` on a surface that faces `normal`;
+    /// else by search. Cost O(1) where the walk is short.
+    pub(crate) fn nearest_from(
+        &self,
+        start: u32,
+        p: &Point3,
+        normal: &Vector3,
+        reach: f64,
+    ) -> Option<Contact> {
+        if start != NONE {
+            let (triangle, barycentric, square) = self.neighbors.walk(&self.mesh, start, p);
+            if square < reach * reach {
+                let corners = self.mesh.triangles[triangle as usize].map(|v| v as usize);
+                let (mut point, mut sum) = (Vector3::zeros(), Vector3::zeros());
+                for (v, w) in corners.into_iter().zip(barycentric) {
+                    point += self.mesh.positions[v].coords * w;
+                    sum += self.normals[v] * w;
+                }
+                let there = sum.try_normalize(1e-12).unwrap_or(self.normals[corners[0]]);
+                let contact = Contact {
+                    point: Point3::from(point),
+                    normal: there,
+                    triangle,
+                    barycentric,
+                };
+                if there.dot(normal) > 0.5 && !self.is_on_border(&contact) {
+                    return Some(contact);
+                }
+            }
+        }
+        self.nearest(p, reach)
     }
 
     /// Whether a point lies on the scan's border, where the nearest point says nothing about the surface beyond.

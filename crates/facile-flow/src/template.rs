@@ -41,14 +41,7 @@ impl<'a> Template<'a> {
                 _ => 1.0,
             })
             .collect();
-        let mut skin = vec![1.0; mesh.positions.len()];
-        for (triangle, segment) in mesh.triangles.iter().zip(&mesh.segments) {
-            if matches!(segment, Segment::InnerMouth | Segment::EyeSocket) {
-                for &v in triangle {
-                    skin[v as usize] = 0.0;
-                }
-            }
-        }
+        let skin = skin_trust(mesh);
         Ok(Self {
             reference,
             cage_fit: CageFit::new(reference)?,
@@ -136,6 +129,29 @@ pub(crate) fn vertex_areas(positions: &[Point3], triangles: &[[u32; 3]]) -> Vec<
         }
     }
     areas
+}
+
+/// How far each vertex may be drawn to a scan: what scans do not show must follow its surroundings.
+fn skin_trust(mesh: &Mesh) -> Vec<f64> {
+    /// Ears: thin, folded, half hidden; the nearest point of a scan is often the wrong side.
+    const EAR: f64 = 0.05;
+    let normals = mesh.vertex_normals();
+    let mut skin = vec![1.0_f64; mesh.positions.len()];
+    for (triangle, segment) in mesh.triangles.iter().zip(&mesh.segments) {
+        for v in triangle.map(|v| v as usize) {
+            let limit = match segment {
+                Segment::InnerMouth | Segment::EyeSocket => 0.0,
+                Segment::LeftEar | Segment::RightEar => EAR,
+                // The faces with which the lips touch each other look up and down: scans show one closed surface.
+                Segment::UpperLip | Segment::LowerLip => {
+                    ((normals[v].z - 0.15) / 0.35).clamp(0.0, 1.0)
+                }
+                _ => 1.0,
+            };
+            skin[v] = skin[v].min(limit);
+        }
+    }
+    skin
 }
 
 fn vertex_colors(reference: &ReferenceHead) -> Vec<Vector3> {
