@@ -6,11 +6,11 @@
 //! two different heads does not have that. Source: [BPV06], bootstrapping.
 
 use facile_core::mesh::vertex_normals;
-use facile_core::{Isometry3, Point3, Vector3};
+use facile_core::{Isometry3, Plane, Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::cage::Target;
-use crate::channels::{CylinderImage, MEAN};
+use crate::channels::{CylinderImage, MEAN, comparable};
 use crate::flow::{DisplacementField, displacement_field, forward_backward};
 use crate::identity_fit::{FineModes, Identity};
 use crate::neighbors::NONE;
@@ -101,7 +101,7 @@ pub(crate) fn fit_shape(
     }
     let with_color = scan.has_color();
     // From here on the scan stays, so that it is drawn on the cylinder once, and the head moves.
-    let seen = ScanSight::new(scan, grid, params);
+    let seen = scan.view(grid, &params.weights, params.curvature_sigma_mm);
     let mut pose = Isometry3::identity();
     for (round, &length) in params.smoothing_mm.iter().enumerate() {
         let mut posed = template.fine(&shape.cage);
@@ -115,11 +115,12 @@ pub(crate) fn fit_shape(
             params.curvature_sigma_mm,
             with_color,
         );
+        let images = Images::new(&view, &seen, params);
         if round == 0 {
-            shape.curvature_correlation = check_face(&view, &seen.view, params)?;
+            shape.curvature_correlation = check_face(&images, &grid, params)?;
         }
         let last = round + 1 == params.smoothing_mm.len();
-        let mut goals = follow_flow(template, &view, &seen, scan, &mut shape, params, last);
+        let mut goals = follow_flow(template, &view, &images, &seen, scan, &mut shape, last);
         for goal in &mut goals {
             goal.at = pose.inverse() * goal.at;
         }
@@ -132,35 +133,42 @@ pub(crate) fn fit_shape(
     Ok(shape)
 }
 
-/// The scan on the cylinder, with its pyramid.
-struct ScanSight {
-    view: ScanView,
-    pyramid: Pyramid,
+/// The two images of one round.
+struct Images<'a> {
+    head: CylinderImage,
+    scan: CylinderImage,
+    params: &'a RegistrationParams,
 }
 
-impl ScanSight {
-    fn new(scan: &WorkingScan<'_>, grid: CylinderGrid, params: &RegistrationParams) -> Self {
-        let view = scan.view(grid, &params.weights, params.curvature_sigma_mm);
-        let pyramid = Pyramid::new(view.image.clone(), params.flow.levels);
-        Self { view, pyramid }
+impl<'a> Images<'a> {
+    fn new(view: &TemplateView, seen: &ScanView, params: &'a RegistrationParams) -> Self {
+        let both = Plane::from_fn(
+            view.raw.covered.width(),
+            view.raw.covered.height(),
+            |x, y| view.raw.covered[(x, y)] * seen.raw.covered[(x, y)],
+        );
+        Self {
+            head: comparable(&view.raw, &both, &params.weights),
+            scan: comparable(&seen.raw, &both, &params.weights),
+            params,
+        }
     }
 }
 
 /// Correlates mean curvature between the reference's face, posed on the scan, and the scan.
 fn check_face(
-    view: &TemplateView,
-    seen: &ScanView,
+    images: &Images<'_>,
+    grid: &CylinderGrid,
     params: &RegistrationParams,
 ) -> Result<f64, FlowError> {
-    let grid = &seen.map.grid;
     let mut pairs = Vec::new();
     for y in 0..grid.height {
         for x in 0..grid.width {
             let (h, phi) = grid.cylinder_from_cell([x as f64, y as f64]);
             if phi.abs() < 1.0 && (-100.0..40.0).contains(&h) {
-                let weight = view.image.mask[(x, y)] * seen.image.mask[(x, y)];
+                let weight = images.head.mask[(x, y)] * images.scan.mask[(x, y)];
                 let mean = |image: &CylinderImage| f64::from(image.values[(x, y)][MEAN]);
-                pairs.push((mean(&view.image), mean(&seen.image), f64::from(weight)));
+                pairs.push((mean(&images.head), mean(&images.scan), f64::from(weight)));
             }
         }
     }
@@ -268,17 +276,18 @@ fn fit_identity(
 fn follow_flow(
     template: &Template<'_>,
     view: &TemplateView,
-    sight: &ScanSight,
+    images: &Images<'_>,
+    seen: &ScanView,
     scan: &WorkingScan<'_>,
     shape: &mut Shape,
-    params: &RegistrationParams,
     both_ways: bool,
 ) -> Vec<Goal> {
-    let source = Pyramid::new(view.image.clone(), params.flow.levels);
-    let (seen, target) = (&sight.view, &sight.pyramid);
+    let flow = &images.params.flow;
+    let source = Pyramid::new(images.head.clone(), flow.levels);
+    let target = Pyramid::new(images.scan.clone(), flow.levels);
     let (forward, backward) = rayon::join(
-        || displacement_field(&source, target, &params.flow),
-        || both_ways.then(|| displacement_field(target, &source, &params.flow)),
+        || displacement_field(&source, &target, flow),
+        || both_ways.then(|| displacement_field(&target, &source, flow)),
     );
     let distance = match &backward {
         Some(backward) => forward_backward(&forward, backward),

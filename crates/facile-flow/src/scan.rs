@@ -3,7 +3,7 @@
 use facile_core::{Isometry3, Mesh, Plane, Point3, Similarity3, Texture, Vector3};
 
 use crate::FlowError;
-use crate::channels::{Attributes, ChannelWeights, CylinderImage, cylinder_image};
+use crate::channels::{Attributes, ChannelWeights, RawImage, sample_channels};
 use crate::curvature::{Operator, vertex_operators};
 use crate::decimate::thin_out;
 use crate::neighbors::{NONE, TriangleNeighbors};
@@ -280,15 +280,15 @@ impl<'a> WorkingScan<'a> {
             curvature_sigma,
             color: color.as_ref(),
         };
-        let image = cylinder_image(&self.mesh, &map, &attributes, |_| 1.0, weights);
-        ScanView { map, image }
+        let raw = sample_channels(&self.mesh, &map, &attributes, |_| 1.0, weights);
+        ScanView { map, raw }
     }
 }
 
 /// The scan on the cylinder.
 pub(crate) struct ScanView {
     pub(crate) map: RadialMap,
-    pub(crate) image: CylinderImage,
+    pub(crate) raw: RawImage,
 }
 
 impl ScanView {

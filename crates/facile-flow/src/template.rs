@@ -5,7 +5,7 @@ use facile_core::{Mesh, Plane, Point3, ReferenceHead, Segment, Vector3};
 use crate::FlowError;
 use crate::adjacency::Adjacency;
 use crate::cage::CageFit;
-use crate::channels::{Attributes, ChannelWeights, CylinderImage, cylinder_image};
+use crate::channels::{Attributes, ChannelWeights, RawImage, sample_channels};
 use crate::curvature::vertex_operators;
 use crate::radial_map::{CylinderGrid, HOLE, RadialMap, visible_vertices};
 
@@ -100,12 +100,12 @@ impl<'a> Template<'a> {
                 self.flow_trust[t as usize]
             }
         };
-        let image = cylinder_image(&mesh, &map, &attributes, trust, weights);
+        let raw = sample_channels(&mesh, &map, &attributes, trust, weights);
         TemplateView {
             mesh,
             normals,
             visible,
-            image,
+            raw,
         }
     }
 }
@@ -115,7 +115,7 @@ pub(crate) struct TemplateView {
     pub(crate) mesh: Mesh,
     pub(crate) normals: Vec<Vector3>,
     pub(crate) visible: Vec<bool>,
-    pub(crate) image: CylinderImage,
+    pub(crate) raw: RawImage,
 }
 
 /// A third of the area of each vertex's triangles, mm^2.
