@@ -12,6 +12,15 @@ use facile_core::mesh::closest_barycentric;
 use facile_core::{Mesh, Point3, ReferenceHead};
 use facile_flow::{Registrar, RegistrationParams};
 
+/// Parts of the face by the ibug-68 landmarks they begin with.
+const REGIONS: [(&str, usize); 5] = [
+    ("jaw", 0),
+    ("brows", 17),
+    ("nose", 27),
+    ("eyes", 36),
+    ("mouth", 48),
+];
+
 /// A scan with the truth it was made from, both registered to the reference.
 struct Person<'t> {
     truth: &'t Mesh,
@@ -19,6 +28,8 @@ struct Person<'t> {
     placed: Vec<Point3>,
     /// Whether each lies in the region that counts.
     counts: Vec<bool>,
+    /// Place in [`REGIONS`] of the landmark nearest to each.
+    region: Vec<usize>,
     /// Nearest triangle of the truth and barycentric weights.
     on_truth: Vec<(u32, [f64; 3])>,
 }
@@ -104,6 +115,12 @@ fn measure(
             }
         }
     }
+    let mut by_region = [(0.0, 0.0); REGIONS.len()];
+    for (error, region) in &all {
+        by_region[*region].0 += error;
+        by_region[*region].1 += 1.0;
+    }
+    let mut all: Vec<f64> = all.into_iter().map(|e| e.0).collect();
     all.sort_unstable_by(f64::total_cmp);
     let quantile = |q: f64| all[((all.len() - 1) as f64 * q) as usize];
     let n = inputs.len() as f64;
@@ -118,6 +135,9 @@ fn measure(
     );
     for (stage, sum) in stages {
         eprint!(" {stage} {:.3}", sum / n);
+    }
+    for ((name, _), (sum, count)) in REGIONS.iter().zip(by_region) {
+        eprint!(" | {name} {:.2}", sum / count);
     }
     eprintln!();
     Ok(())
@@ -137,8 +157,12 @@ fn person<'a>(truth: &'a Mesh, placed: Vec<Point3>, landmarks: &[usize]) -> Pers
         })
         .collect();
     let near = |list: &[Point3], p: &Point3, r: f64| list.iter().any(|q| (q - p).norm() < r);
-    let (mut counts, mut on_truth) = (Vec::new(), Vec::new());
+    let (mut counts, mut on_truth, mut region) = (Vec::new(), Vec::new(), Vec::new());
     for p in &placed {
+        let nearest = (0..spots.len())
+            .min_by(|a, b| (spots[*a] - p).norm().total_cmp(&(spots[*b] - p).norm()))
+            .unwrap_or(0);
+        region.push(REGIONS.iter().rposition(|r| r.1 <= nearest).unwrap_or(0));
         if !near(&spots, p, 25.0) || near(&border, p, 8.0) {
             counts.push(false);
             on_truth.push((0, [1.0, 0.0, 0.0]));
@@ -164,6 +188,7 @@ fn person<'a>(truth: &'a Mesh, placed: Vec<Point3>, landmarks: &[usize]) -> Pers
         truth,
         placed,
         counts,
+        region,
         on_truth,
     }
 }
@@ -190,9 +215,10 @@ fn border_points(mesh: &Mesh) -> Vec<Point3> {
     points
 }
 
-fn transfer<'a>(a: &'a Person<'_>, b: &'a Person<'_>) -> impl Iterator<Item = f64> + 'a {
+fn transfer<'a>(a: &'a Person<'_>, b: &'a Person<'_>) -> impl Iterator<Item = (f64, usize)> + 'a {
     (0..a.placed.len()).filter(|&v| a.counts[v]).map(|v| {
         let (t, weights) = a.on_truth[v];
-        (at(&b.truth.corners(t as usize), &weights) - b.placed[v]).norm()
+        let carried = at(&b.truth.corners(t as usize), &weights);
+        ((carried - b.placed[v]).norm(), a.region[v])
     })
 }

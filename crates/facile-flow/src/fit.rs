@@ -5,6 +5,7 @@
 //! shapes come closer the flow has less to explain and the channels mean the same on both sides: plain flow between
 //! two different heads does not have that. Source: [BPV06], bootstrapping.
 
+use facile_core::math::fit_similarity;
 use facile_core::mesh::vertex_normals;
 use facile_core::{Isometry3, Plane, Point3, Vector3};
 use rayon::prelude::*;
@@ -33,6 +34,8 @@ pub(crate) struct Shape {
     pub(crate) cage: Vec<Vector3>,
     /// The mixture of the identity model's modes below the smooth deformation.
     pub(crate) identity: Identity,
+    /// Size of the face against the reference's.
+    pub(crate) size: f64,
     /// What the last flow said of each fine vertex.
     pub(crate) evidence: Vec<Evidence>,
     /// A triangle of the scan near each fine vertex, or [`NONE`]: where searches for the nearest point start.
@@ -81,6 +84,7 @@ pub(crate) fn fit_shape(
     let mut shape = Shape {
         cage: modes.cage(rest, &identity),
         identity,
+        size,
         evidence: vec![NO_EVIDENCE; template.reference.mesh.positions.len()],
         starts: vec![NONE; template.reference.mesh.positions.len()],
         curvature_correlation: 0.0,
@@ -130,7 +134,26 @@ pub(crate) fn fit_shape(
         shape.cage = base.iter().zip(displacement).map(|(b, d)| b + d).collect();
     }
     scan.transform(&pose.inverse());
+    face_forwards(template, scan, &mut shape);
     Ok(shape)
+}
+
+/// Moves head and scan so that the face lies nearest to the reference's, up to its size: the modes shift the face in
+/// the head, so the fit alone leaves the frame to chance.
+fn face_forwards(template: &Template<'_>, scan: &mut WorkingScan<'_>, shape: &mut Shape) {
+    let fine = template.fine(&shape.cage);
+    let weights: Vec<f64> = (template.face.iter().zip(&template.areas))
+        .map(|(face, area)| if *face { *area } else { 0.0 })
+        .collect();
+    let Some(fit) = fit_similarity(&template.reference.mesh.positions, &fine, &weights) else {
+        return;
+    };
+    let motion = fit.isometry.inverse();
+    for p in &mut shape.cage {
+        *p = (motion * Point3::from(*p)).coords;
+    }
+    shape.size = fit.scaling();
+    scan.transform(&motion);
 }
 
 /// The two images of one round.

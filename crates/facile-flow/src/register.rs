@@ -122,7 +122,7 @@ impl<'a> Registrar<'a> {
         let mut shape = fit_shape(template, &self.modes, &mut scan, pose.size, params)?;
         clock.stop("fit");
         let mut settled = settle(template, &scan, &mut shape, params)?;
-        let folded = folds::unfold(template, &mut settled.positions, shape.identity.size, 30);
+        let folded = folds::unfold(template, &mut settled.positions, shape.size, 30);
         clock.stop("settle");
         let expected_error = expected_error(template, &shape, &settled);
         let head_from_scan = scan.head_from_scan();
@@ -165,13 +165,7 @@ impl<'a> Registrar<'a> {
     ) -> RegistrationReport {
         let template = &self.template;
         let n = settled.positions.len();
-        let is_face = |v: usize| {
-            let p = &template.reference.mesh.positions[v];
-            libm::atan2(p.x, p.z).abs() < 1.15
-                && (-110.0..60.0).contains(&p.y)
-                && template.skin[v] > 0.0
-                && p.z > 30.0
-        };
+        let is_face = |v: usize| template.face[v];
         let share = |of: &dyn Fn(usize) -> bool, among: &dyn Fn(usize) -> bool| {
             let area = |keep: &dyn Fn(usize) -> bool| -> f64 {
                 (0..n).filter(|&v| keep(v)).map(|v| template.areas[v]).sum()
@@ -193,7 +187,7 @@ impl<'a> Registrar<'a> {
             unit_mm: pose.unit_mm,
             unit_is_known: pose.unit_is_known,
             head_from_scan: rows_of(&facts.head_from_scan),
-            size: shape.identity.size,
+            size: shape.size,
             rigid_coverage: pose.coverage,
             rigid_distance_mm: pose.distance,
             curvature_correlation: shape.curvature_correlation,

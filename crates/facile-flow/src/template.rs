@@ -22,6 +22,8 @@ pub(crate) struct Template<'a> {
     pub(crate) flow_trust: Vec<f32>,
     /// How far each fine vertex may be drawn to the scan's surface, `[0, 1]`: 0 inside mouth and sockets.
     pub(crate) skin: Vec<f64>,
+    /// Whether each fine vertex belongs to the face: outer skin from forehead to chin, between the ears.
+    pub(crate) face: Vec<bool>,
     /// Area of each fine vertex, mm^2.
     pub(crate) areas: Vec<f64>,
     /// Linear RGB at each fine vertex, from the mean texture.
@@ -47,6 +49,12 @@ impl<'a> Template<'a> {
             cage_fit: CageFit::new(reference)?,
             adjacency: Adjacency::from_triangles(mesh.positions.len(), &mesh.triangles),
             flow_trust,
+            face: (mesh.positions.iter().zip(&skin))
+                .map(|(p, skin)| {
+                    let frontal = libm::atan2(p.x, p.z).abs() < 1.15 && p.z > 30.0;
+                    frontal && (-110.0..60.0).contains(&p.y) && *skin > 0.0
+                })
+                .collect(),
             skin,
             areas: vertex_areas(&mesh.positions, &mesh.triangles),
             colors: vertex_colors(reference),
