@@ -23,6 +23,7 @@ mod eyes;
 mod fit;
 mod folds;
 mod identity_fit;
+mod lips;
 mod neighbors;
 mod onto_surface;
 mod params;

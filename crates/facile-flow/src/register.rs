@@ -122,6 +122,14 @@ impl<'a> Registrar<'a> {
         let mut shape = fit_shape(template, &self.modes, &mut scan, pose.size, params)?;
         clock.stop("fit");
         let mut settled = settle(template, &scan, &mut shape, params)?;
+        for _ in 0..3 {
+            template.slit.close(
+                template.reference,
+                &template.adjacency,
+                &mut settled.positions,
+                shape.size,
+            );
+        }
         let folded = folds::unfold(template, &mut settled.positions, shape.size, 30);
         clock.stop("settle");
         let expected_error = expected_error(template, &shape, &settled);

@@ -7,6 +7,7 @@ use crate::adjacency::Adjacency;
 use crate::cage::CageFit;
 use crate::channels::{Attributes, ChannelWeights, RawImage, sample_channels};
 use crate::curvature::vertex_operators;
+use crate::lips::Slit;
 use crate::radial_map::{CylinderGrid, HOLE, RadialMap, visible_vertices};
 
 /// A vertex this far below the outermost surface is hidden, mm.
@@ -16,6 +17,8 @@ const VISIBLE_SLACK: f64 = 1.5;
 pub(crate) struct Template<'a> {
     pub(crate) reference: &'a ReferenceHead,
     pub(crate) cage_fit: CageFit,
+    /// Where the lips touch.
+    pub(crate) slit: Slit,
     /// Neighbours on the fine mesh.
     pub(crate) adjacency: Adjacency,
     /// How far each fine triangle takes part in the flow, `[0, 1]`.
@@ -44,10 +47,12 @@ impl<'a> Template<'a> {
             })
             .collect();
         let skin = skin_trust(mesh);
+        let adjacency = Adjacency::from_triangles(mesh.positions.len(), &mesh.triangles);
         Ok(Self {
+            slit: Slit::new(reference, &adjacency),
             reference,
             cage_fit: CageFit::new(reference)?,
-            adjacency: Adjacency::from_triangles(mesh.positions.len(), &mesh.triangles),
+            adjacency,
             flow_trust,
             face: (mesh.positions.iter().zip(&skin))
                 .map(|(p, skin)| {
