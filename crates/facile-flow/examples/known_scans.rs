@@ -50,7 +50,17 @@ fn main() -> Result<(), Box<dyn Error>> {
                 }
             }
             folded += found.report.folded_triangles;
-            for (v, error) in errors(reference, known, &found) {
+            let all = errors(reference, known, &found);
+            let r = &found.report;
+            eprintln!(
+                "  {}: mean {:.3} mm, size {:.3}, rigid {:.2} mm, curvature {:.2}",
+                known.scan.name,
+                all.iter().map(|e| e.1).sum::<f64>() / all.len() as f64,
+                r.size,
+                r.rigid_distance_mm,
+                r.curvature_correlation
+            );
+            for (v, error) in all {
                 true_errors.push(error);
                 expected.push(f64::from(found.subject.expected_error[v]));
             }

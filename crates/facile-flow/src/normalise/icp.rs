@@ -56,7 +56,13 @@ pub(crate) struct PoseScore {
     pub(crate) coverage: f64,
     /// Root of the mean squared distance, missing points counting [`REACH`], mm.
     pub(crate) rms: f64,
+    /// What poses are compared by: the squared distance plus what the normals say, mm^2. Distances alone let a face
+    /// slide along itself.
+    pub(crate) cost: f64,
 }
+
+/// Squared distance that normals at right angles weigh as much as, mm^2.
+const NORMAL_COST: f64 = 150.0;
 
 /// Surface further away than this does not count as the same place, mm.
 pub(crate) const REACH: f64 = 12.0;
@@ -71,6 +77,8 @@ struct Pair {
     to: Point3,
     normal: Vector3,
     distance: f64,
+    /// Of the angle between the two normals.
+    cosine: f64,
 }
 
 fn pairs(
@@ -82,7 +90,8 @@ fn pairs(
     (face.points.iter()).zip(&face.normals).map(move |(p, n)| {
         let from = pose * p;
         let (to, normal) = scan.nearest(&from, reach)?;
-        if normal.dot(&(pose.isometry.rotation * n)) < 0.5 {
+        let cosine = normal.dot(&(pose.isometry.rotation * n));
+        if cosine < 0.5 {
             return None;
         }
         let distance = (to - from).norm();
@@ -91,6 +100,7 @@ fn pairs(
             to,
             normal,
             distance,
+            cosine,
         })
     })
 }
@@ -102,19 +112,21 @@ pub(crate) fn score(
     pose: &Similarity3,
     reach: f64,
 ) -> PoseScore {
-    let (mut found, mut square, mut total) = (0.0, 0.0, 0.0);
+    let (mut found, mut square, mut total, mut turned) = (0.0, 0.0, 0.0, 0.0);
     for pair in pairs(face, scan, pose, reach) {
         total += 1.0;
-        let distance = pair.map_or(reach, |p| {
+        let (distance, cosine) = pair.map_or((reach, 0.5), |p| {
             found += 1.0;
-            p.distance
+            (p.distance, p.cosine)
         });
         square += distance * distance;
+        turned += 1.0 - cosine;
     }
     let total = f64::max(total, 1.0);
     PoseScore {
         coverage: found / total,
         rms: (square / total).sqrt(),
+        cost: (square + NORMAL_COST * turned) / total,
     }
 }
 

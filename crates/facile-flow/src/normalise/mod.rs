@@ -118,7 +118,7 @@ pub(crate) fn find_face(
     for unit_mm in units {
         let surface = Cubes::new(mesh, normals, unit_mm);
         for (pose, score) in search(face, &surface, params) {
-            if best.is_none_or(|b| score.rms < b.score.rms) {
+            if best.is_none_or(|b| score.cost < b.score.cost) {
                 best = Some(Start {
                     pose,
                     unit_mm,
@@ -210,9 +210,9 @@ fn search(
     // Stages: points of the face, iterations, reach (mm), poses kept.
     let stages = [
         (60, 0, 40.0, 60),
-        (120, 5, 40.0, 8),
-        (300, 10, 25.0, 2),
-        (1000, 12, 15.0, 2),
+        (120, 6, 40.0, 10),
+        (300, 12, 25.0, 4),
+        (1000, 15, 15.0, 2),
     ];
     let mut scored: Vec<(Similarity3, PoseScore)> = Vec::new();
     for (count, iterations, reach, kept) in stages {
@@ -230,7 +230,7 @@ fn search(
                 (refined, icp::score(&points, surface, &refined, far))
             })
             .collect();
-        scored.sort_by(|a, b| a.1.rms.total_cmp(&b.1.rms));
+        scored.sort_by(|a, b| a.1.cost.total_cmp(&b.1.cost));
         scored = distinct(&scored, face.nose, kept);
     }
     scored
