@@ -7,7 +7,7 @@
 use std::error::Error;
 
 use facile_core::{IdentityModel, ReferenceHead};
-use facile_flow::synthetic::{Scanner, errors, scan_of};
+use facile_flow::synthetic::{Scanner, errors, face_vertices, scan_of, skin_vertices};
 use facile_flow::{Registrar, RegistrationParams};
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -37,9 +37,11 @@ fn main() -> Result<(), Box<dyn Error>> {
         let scanner = Scanner { seed: k, ..scanner };
         scans.push(scan_of(reference, &subject, &scanner));
     }
+    let (face, skin) = (face_vertices(reference), skin_vertices(reference));
     for (name, params) in variants {
         let registrar = Registrar::new(reference, params)?;
         let (mut true_errors, mut expected, mut folded) = (Vec::new(), Vec::new(), 0);
+        let (mut true_skin, mut expected_skin) = (Vec::new(), Vec::new());
         let mut stages = Vec::<(&str, f64)>::new();
         for known in &scans {
             let found = registrar.register(&known.scan)?;
@@ -50,34 +52,38 @@ fn main() -> Result<(), Box<dyn Error>> {
                 }
             }
             folded += found.report.folded_triangles;
-            let all = errors(reference, known, &found);
+            let all = errors(known, &found, &face);
             let r = &found.report;
             eprintln!(
                 "  {}: mean {:.3} mm, size {:.3}, rigid {:.2} mm, curvature {:.2}",
                 known.scan.name,
-                all.iter().map(|e| e.1).sum::<f64>() / all.len() as f64,
+                all.iter().sum::<f64>() / all.len() as f64,
                 r.size,
                 r.rigid_distance_mm,
                 r.curvature_correlation
             );
-            for (v, error) in all {
-                true_errors.push(error);
-                expected.push(f64::from(found.subject.expected_error[v]));
-            }
+            let guess = |v: &usize| f64::from(found.subject.expected_error[*v]);
+            true_errors.extend(all);
+            expected.extend(face.iter().map(guess));
+            true_skin.extend(errors(known, &found, &skin));
+            expected_skin.extend(skin.iter().map(guess));
         }
         let n = scans.len() as f64;
         let mut sorted = true_errors.clone();
         sorted.sort_unstable_by(f64::total_cmp);
         let quantile = |q: f64| sorted[((sorted.len() - 1) as f64 * q) as usize];
         eprint!(
-            "{name}: {} triangles; mean {:.3} median {:.3} p95 {:.3} max {:.2} mm; expected {:.3}, rank correlation {:.2}; folded {:.1}; {:.2} s:",
+            "{name}: {} triangles; mean {:.3} median {:.3} p95 {:.3} max {:.2} mm; expected {:.3}, rank correlation {:.2}; all skin {:.2} mm, expected {:.2}, rank correlation {:.2}; folded {:.1}; {:.2} s:",
             scans[0].scan.mesh.triangles.len(),
-            sorted.iter().sum::<f64>() / sorted.len() as f64,
+            mean(&sorted),
             quantile(0.5),
             quantile(0.95),
             quantile(1.0),
-            expected.iter().sum::<f64>() / expected.len() as f64,
+            mean(&expected),
             spearman(&true_errors, &expected),
+            mean(&true_skin),
+            mean(&expected_skin),
+            spearman(&true_skin, &expected_skin),
             folded as f64 / n,
             stages.iter().map(|s| s.1).sum::<f64>() / n
         );
@@ -87,6 +93,10 @@ fn main() -> Result<(), Box<dyn Error>> {
         eprintln!();
     }
     Ok(())
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
 }
 
 /// Rank correlation.

@@ -40,7 +40,7 @@ impl Default for ChannelWeights {
     fn default() -> Self {
         Self {
             normal: 1.0,
-            color: 0.3,
+            color: 0.15,
             mean_curvature: 0.5,
             gaussian_curvature: 0.15,
             curvature_unit: 0.05,

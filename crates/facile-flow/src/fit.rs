@@ -14,6 +14,7 @@ use crate::cage::Target;
 use crate::channels::{CylinderImage, MEAN, comparable};
 use crate::flow::{DisplacementField, displacement_field, forward_backward};
 use crate::identity_fit::{FineModes, Identity};
+use crate::landmarks::Anchor;
 use crate::neighbors::NONE;
 use crate::pyramid::Pyramid;
 use crate::radial_map::CylinderGrid;
@@ -76,6 +77,7 @@ pub(crate) fn fit_shape(
     modes: &FineModes,
     scan: &mut WorkingScan<'_>,
     size: f64,
+    anchors: &[Anchor],
     params: &RegistrationParams,
 ) -> Result<Shape, FlowError> {
     let grid = face_grid(params.cell_mm);
@@ -99,6 +101,7 @@ pub(crate) fn fit_shape(
             &mut shape.starts,
             18.0 - 10.0 * share,
         );
+        anchor_goals(template, scan, anchors, &fine, &mut goals);
         let motion = fit_identity(template, modes, &mut shape, &mut goals);
         scan.transform(&motion.inverse());
         shape.cage = modes.cage(rest, &shape.identity);
@@ -125,6 +128,7 @@ pub(crate) fn fit_shape(
         }
         let last = round + 1 == params.smoothing_mm.len();
         let mut goals = follow_flow(template, &view, &images, &seen, scan, &mut shape, last);
+        anchor_goals(template, scan, anchors, &view.mesh.positions, &mut goals);
         for goal in &mut goals {
             goal.at = pose.inverse() * goal.at;
         }
@@ -231,6 +235,8 @@ pub(crate) struct Goal {
     pub(crate) weight: f64,
     /// `[0, 1]`: how far the place along the surface is known, against the distance to it.
     pub(crate) slide: f64,
+    /// Whether it was given from outside.
+    pub(crate) is_landmark: bool,
 }
 
 /// Every how many fine vertices take part while the pose and a few dozen modes are found from nearest points.
@@ -260,6 +266,7 @@ fn nearest_goals(
             at: hit.point,
             weight: template.skin[v] * (1.0 - far * far).powi(2),
             slide: 0.1,
+            is_landmark: false,
         })
     };
     starts
@@ -268,6 +275,33 @@ fn nearest_goals(
         .step_by(NEAREST_STRIDE)
         .filter_map(goal)
         .collect()
+}
+
+/// Adds the landmarks that were given as goals of the vertices around them.
+fn anchor_goals(
+    template: &Template<'_>,
+    scan: &WorkingScan<'_>,
+    anchors: &[Anchor],
+    positions: &[Point3],
+    goals: &mut Vec<Goal>,
+) {
+    /// Area of skin that one landmark speaks for, mm^2.
+    const AREA: f64 = 300.0;
+    let head_from_scan = scan.head_from_scan();
+    for anchor in anchors {
+        let wrong = head_from_scan * anchor.at - anchor.on(positions);
+        for (&vertex, share) in anchor.corners.iter().zip(anchor.barycentric) {
+            if share > 0.0 {
+                goals.push(Goal {
+                    vertex,
+                    at: positions[vertex as usize] + wrong,
+                    weight: share * AREA / template.areas[vertex as usize].max(1e-3),
+                    slide: 1.0,
+                    is_landmark: true,
+                });
+            }
+        }
+    }
 }
 
 /// Fits pose, size and modes; returns the motion of the head towards the goals, and moves these back by it, into the
@@ -349,6 +383,7 @@ fn follow_flow(
             at: goal,
             weight,
             slide: confidence,
+            is_landmark: false,
         });
     }
     goals

@@ -97,14 +97,19 @@ impl FineModes {
     ) -> Isometry3 {
         let n = POSE + self.count;
         let stride = (goals.len() / USED_GOALS).max(1);
-        let unit = stride as f64 / (INDEPENDENT_AREA * GOAL_ERROR * GOAL_ERROR);
+        let unit = 1.0 / (INDEPENDENT_AREA * GOAL_ERROR * GOAL_ERROR);
         let mut matrix = vec![0.0_f64; n * n];
         let mut right = vec![0.0_f64; n];
         let mut rows = [vec![0.0_f64; n], vec![0.0; n], vec![0.0; n]];
-        for goal in goals.iter().step_by(stride) {
+        for (i, goal) in goals.iter().enumerate() {
+            // Landmarks come one by one and count each; of the rest one in `stride` stands for its neighbours.
+            let count = if goal.is_landmark { 1 } else { stride };
+            if i % count != 0 {
+                continue;
+            }
             let v = goal.vertex as usize;
             let (x, normal) = (positions[v].coords, normals[v]);
-            let weight = (goal.weight * template.areas[v] * unit).sqrt();
+            let weight = (goal.weight * template.areas[v] * unit * count as f64).sqrt();
             let across = goal.slide.sqrt();
             // The square root of W: along the surface times `across`, along the normal as it is.
             let weigh =

@@ -23,6 +23,7 @@ mod eyes;
 mod fit;
 mod folds;
 mod identity_fit;
+mod landmarks;
 mod lips;
 mod neighbors;
 mod onto_surface;
@@ -35,6 +36,7 @@ mod template;
 mod texture;
 
 pub use error::FlowError;
+pub use landmarks::ScanLandmarks;
 pub use params::RegistrationParams;
 pub use register::{Registrar, Registration, StageTime, register};
 pub use report::RegistrationReport;

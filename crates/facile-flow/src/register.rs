@@ -4,11 +4,12 @@ use std::sync::OnceLock;
 use std::time::Instant;
 
 use facile_core::io::Scan;
-use facile_core::{Attributes, IdentityModel, ReferenceHead, Similarity3, Subject};
+use facile_core::{Attributes, IdentityModel, Point3, ReferenceHead, Similarity3, Subject};
 
 use crate::fit::{Shape, fit_shape};
 use crate::identity_fit::FineModes;
-use crate::normalise::{FaceModel, Pose, find_face};
+use crate::landmarks::ScanLandmarks;
+use crate::normalise::{FaceModel, Pose, find_face, pose_from_landmarks};
 use crate::onto_surface::{Settled, settle};
 use crate::report::{RegistrationReport, quantile, rows_of};
 use crate::scan::{WorkingScan, clean};
@@ -106,20 +107,52 @@ impl<'a> Registrar<'a> {
     /// # Errors
     /// [`FlowError::TooFewTriangles`] and [`FlowError::NoFace`] with the measure that failed.
     pub fn register(&self, input: &Scan) -> Result<Registration, FlowError> {
+        self.register_with(input, None)
+    }
+
+    /// As [`Self::register`], with landmarks where they are known: they give the pose, from any direction, and hold
+    /// their places.
+    ///
+    /// # Errors
+    /// As [`Self::register`], and [`FlowError::Landmarks`] for landmarks that do not determine a pose.
+    pub fn register_with(
+        &self,
+        input: &Scan,
+        landmarks: Option<&ScanLandmarks>,
+    ) -> Result<Registration, FlowError> {
         let (template, params) = (&self.template, &self.params);
         let mut clock = Clock::start();
         let cleaned = clean(&input.mesh)?;
         clock.stop("clean");
-        let pose = find_face(
-            &self.face,
-            &cleaned.mesh,
-            &cleaned.normals,
-            &params.normalise,
-        )?;
+        let anchors = match landmarks {
+            Some(landmarks) => landmarks.anchors(template.reference)?,
+            None => Vec::new(),
+        };
+        let pose = if anchors.is_empty() {
+            find_face(
+                &self.face,
+                &cleaned.mesh,
+                &cleaned.normals,
+                &params.normalise,
+            )?
+        } else {
+            let on_scan: Vec<Point3> = anchors.iter().map(|a| a.at).collect();
+            let on_reference: Vec<Point3> = (anchors.iter())
+                .map(|a| a.on(&template.reference.mesh.positions))
+                .collect();
+            pose_from_landmarks(&on_reference, &on_scan, &params.normalise)?
+        };
         clock.stop("normalise");
         let mut scan = WorkingScan::new(cleaned, input.texture.as_ref(), &pose.head_from_scan)?;
         clock.stop("prepare");
-        let mut shape = fit_shape(template, &self.modes, &mut scan, pose.size, params)?;
+        let mut shape = fit_shape(
+            template,
+            &self.modes,
+            &mut scan,
+            pose.size,
+            &anchors,
+            params,
+        )?;
         clock.stop("fit");
         let mut settled = settle(template, &scan, &mut shape, params)?;
         for _ in 0..3 {
@@ -228,28 +261,39 @@ pub fn register(
     Registrar::new(reference, params.clone())?.register(scan)
 }
 
-/// Expected error of each fine vertex, mm: what the flow could not decide, what did not come back, what has no surface.
+/// Expected error of each fine vertex, mm.
+///
+/// What the flow decided, averaged over some centimetres of skin: a flat cheek lies as far off as its distance to the
+/// nearest feature lets it. Skin without scan surface follows its surroundings and errs more. The constants are a
+/// least-squares fit on people of the identity model, see `examples/known_scans.rs`.
 fn expected_error(template: &Template<'_>, shape: &Shape, settled: &Settled) -> Vec<f32> {
-    /// Error of a vertex whose flow is certain, mm; of one in a flat region; of one that only follows.
-    const CERTAIN: f64 = 0.8;
-    const FLAT: f64 = 2.2;
-    const UNSEEN: f64 = 5.0;
-    let raw: Vec<f64> = (0..settled.positions.len())
-        .map(|v| match settled.residual[v] {
-            Some(_) if shape.evidence[v].forward_backward.is_finite() => {
-                let flat = (FLAT - CERTAIN) * (1.0 - shape.evidence[v].confidence);
-                CERTAIN + flat + 0.5 * shape.evidence[v].forward_backward.min(6.0)
-            }
-            Some(_) => 0.5 * (FLAT + UNSEEN),
-            None => UNSEEN,
+    /// Sweeps of averaging: a standard deviation of about 15 mm on the face.
+    const SWEEPS: usize = 150;
+    const LEAST: f64 = 0.1;
+    const FLAT: f64 = 1.25;
+    const UNSEEN: f64 = 3.0;
+    let n = settled.positions.len();
+    let mut known: Vec<[f64; 2]> = (0..n)
+        .map(|v| {
+            let unseen = settled.residual[v].is_none();
+            [shape.evidence[v].confidence, f64::from(u8::from(unseen))]
         })
         .collect();
-    // Neighbours share their fate: one smoothing.
-    (0..raw.len())
-        .map(|v| {
-            let neighbors = template.adjacency.of(v);
-            let sum: f64 = neighbors.iter().map(|u| raw[*u as usize]).sum();
-            (0.5 * raw[v] + 0.5 * sum / neighbors.len().max(1) as f64) as f32
-        })
+    for _ in 0..SWEEPS {
+        known = (0..n)
+            .map(|v| {
+                let neighbors = template.adjacency.of(v);
+                let half = 0.5 / neighbors.len().max(1) as f64;
+                let mut mean = known[v].map(|k| 0.5 * k);
+                for u in neighbors {
+                    let k = known[*u as usize];
+                    mean = [mean[0] + half * k[0], mean[1] + half * k[1]];
+                }
+                mean
+            })
+            .collect();
+    }
+    (known.iter())
+        .map(|[decided, unseen]| (LEAST + FLAT * (1.0 - decided) + UNSEEN * unseen) as f32)
         .collect()
 }

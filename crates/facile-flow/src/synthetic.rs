@@ -98,39 +98,50 @@ pub fn scan_of(reference: &ReferenceHead, subject: &Subject, scanner: &Scanner) 
     }
 }
 
-/// Distance of every vertex of the face to its true place, mm: `(vertex, error)`. The face is the outer skin between
-/// the ears, forehead to chin, without the inner sides of lips and lids.
-pub fn errors(
-    reference: &ReferenceHead,
-    known: &KnownScan,
-    found: &Registration,
-) -> Vec<(usize, f64)> {
-    face_vertices(reference)
-        .into_iter()
-        .map(|v| {
+/// Distance of each of `vertices` to its true place, mm.
+pub fn errors(known: &KnownScan, found: &Registration, vertices: &[usize]) -> Vec<f64> {
+    (vertices.iter())
+        .map(|&v| {
             let truth = found.head_from_scan * known.truth[v];
-            (v, (found.subject.positions[v] - truth).norm())
+            (found.subject.positions[v] - truth).norm()
         })
         .collect()
 }
 
-/// The vertices that [`errors`] looks at.
+/// The vertices of the face: outer skin between the ears, forehead to chin, without the inner sides of lips and lids.
 pub fn face_vertices(reference: &ReferenceHead) -> Vec<usize> {
+    let beside = [
+        Segment::Neck,
+        Segment::Scalp,
+        Segment::LeftEar,
+        Segment::RightEar,
+    ];
+    let is_frontal = |v: &usize| reference.mesh.positions[*v].z > 30.0;
+    let mut face = vertices_of(reference, |s| !beside.contains(&s));
+    face.retain(is_frontal);
+    face
+}
+
+/// The vertices of all outer skin: face, ears, scalp and neck, seen by scans or not.
+pub fn skin_vertices(reference: &ReferenceHead) -> Vec<usize> {
+    vertices_of(reference, |_| true)
+}
+
+/// Vertices with a triangle of an outer segment that `keep` keeps, and none inside mouth or sockets.
+fn vertices_of(reference: &ReferenceHead, keep: impl Fn(Segment) -> bool) -> Vec<usize> {
     let mesh = &reference.mesh;
-    let mut is_face = vec![false; mesh.positions.len()];
+    let mut kept = vec![false; mesh.positions.len()];
     let mut hidden = vec![false; mesh.positions.len()];
     for (t, s) in mesh.triangles.iter().zip(&mesh.segments) {
         for &v in t {
-            match s {
-                Segment::InnerMouth | Segment::EyeSocket => hidden[v as usize] = true,
-                Segment::Neck | Segment::Scalp | Segment::LeftEar | Segment::RightEar => {}
-                _ => is_face[v as usize] = true,
+            if matches!(s, Segment::InnerMouth | Segment::EyeSocket) {
+                hidden[v as usize] = true;
+            } else if keep(*s) {
+                kept[v as usize] = true;
             }
         }
     }
-    (0..is_face.len())
-        .filter(|&v| is_face[v] && !hidden[v] && mesh.positions[v].z > 30.0)
-        .collect()
+    (0..kept.len()).filter(|&v| kept[v] && !hidden[v]).collect()
 }
 
 /// Skin, eyes and teeth of a subject as one mesh, with a colour for each triangle's corners.

@@ -8,7 +8,7 @@ use facile_core::rng::RandomStream;
 use facile_core::{
     IdentityModel, Mesh, Point3, ReferenceHead, Similarity3, Subject, UnitQuaternion, Vector3,
 };
-use facile_flow::synthetic::{KnownScan, Scanner, errors, scan_of};
+use facile_flow::synthetic::{KnownScan, Scanner, errors, face_vertices, scan_of};
 use facile_flow::{FlowError, Registrar, Registration, RegistrationParams};
 
 fn registrar() -> &'static Registrar<'static> {
@@ -45,8 +45,9 @@ fn scanned(scanner: Scanner) -> KnownScan {
 
 /// Mean distance of the face to its truth, mm.
 fn mean_error(known: &KnownScan, found: &Registration) -> f64 {
-    let all = errors(ReferenceHead::embedded(), known, found);
-    all.iter().map(|e| e.1).sum::<f64>() / all.len() as f64
+    let face = face_vertices(ReferenceHead::embedded());
+    let all = errors(known, found, &face);
+    all.iter().sum::<f64>() / all.len() as f64
 }
 
 /// The error of the clean scan, mm.

@@ -8,6 +8,7 @@ mod cubes;
 mod icp;
 mod nose;
 
+use facile_core::math::fit_similarity;
 use facile_core::{Mesh, Point3, ReferenceHead, Segment, Similarity3, UnitQuaternion, Vector3};
 use nalgebra::Translation3;
 use serde::{Deserialize, Serialize};
@@ -91,6 +92,48 @@ impl FaceModel {
             nose_normal,
         }
     }
+}
+
+/// The pose that landmarks on the reference (mm) and on the scan give. The unit is the listed one nearest to the size
+/// they show, if that is within a quarter; else it is unknown.
+///
+/// # Errors
+/// [`FlowError::Landmarks`] if they lie on one line.
+pub(crate) fn pose_from_landmarks(
+    on_reference: &[Point3],
+    on_scan: &[Point3],
+    params: &NormaliseParams,
+) -> Result<Pose, FlowError> {
+    let weights = vec![1.0; on_scan.len()];
+    let fit = fit_similarity(on_reference, on_scan, &weights)
+        .filter(|fit| fit.scaling() > 1e-9)
+        .ok_or_else(|| FlowError::Landmarks {
+            reason: "they do not determine a pose".to_owned(),
+        })?;
+    let unit = 1.0 / fit.scaling();
+    let nearest = UNITS
+        .into_iter()
+        .find(|u| (0.75..1.33).contains(&(unit / u)));
+    let unit_mm = params.unit_mm.or(nearest).unwrap_or(unit);
+    // Scan (in that unit, mm) from reference.
+    let pose = Similarity3::from_parts(
+        Translation3::from(fit.isometry.translation.vector * unit_mm),
+        fit.isometry.rotation,
+        fit.scaling() * unit_mm,
+    );
+    let score = PoseScore {
+        coverage: 1.0,
+        rms: 0.0,
+        cost: 0.0,
+    };
+    Ok(pose_from_start(
+        &Start {
+            pose,
+            unit_mm,
+            score,
+        },
+        params,
+    ))
 }
 
 /// Finds the face of `mesh` (any unit, with unit vertex `normals`).
