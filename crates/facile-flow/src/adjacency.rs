@@ -1,12 +1,10 @@
-//! Who is next to whom on a mesh: neighbours of vertices, border vertices.
+//! Who is next to whom on a mesh: neighbours of vertices.
 
 /// Neighbours of each vertex in compressed rows, sorted by index.
 #[derive(Clone, Debug)]
 pub(crate) struct Adjacency {
     starts: Vec<u32>,
     neighbors: Vec<u32>,
-    /// Vertices on an edge that does not have exactly two triangles.
-    pub(crate) on_border: Vec<bool>,
 }
 
 impl Adjacency {
@@ -26,14 +24,9 @@ impl Adjacency {
             .map(|(a, b)| (a.min(b), a.max(b)))
             .collect();
         keys.sort_unstable();
-        let mut on_border = vec![false; vertex_count];
         let mut pairs = Vec::with_capacity(keys.len());
         for run in keys.chunk_by(|a, b| a == b) {
             let (a, b) = run[0];
-            if run.len() != 2 {
-                on_border[a as usize] = true;
-                on_border[b as usize] = true;
-            }
             pairs.push((a, b));
             pairs.push((b, a));
         }
@@ -46,11 +39,7 @@ impl Adjacency {
             starts[i + 1] += starts[i];
         }
         let neighbors = pairs.into_iter().map(|(_, b)| b).collect();
-        Self {
-            starts,
-            neighbors,
-            on_border,
-        }
+        Self { starts, neighbors }
     }
 
     /// Number of vertices.
@@ -61,15 +50,6 @@ impl Adjacency {
     /// Neighbours of vertex `v`, by increasing index.
     pub(crate) fn of(&self, v: usize) -> &[u32] {
         &self.neighbors[self.starts[v] as usize..self.starts[v + 1] as usize]
-    }
-
-    /// 0 on border vertices, growing to 1 at `rings` rings away from them.
-    pub(crate) fn rings_from_border(&self, rings: u32) -> Vec<f64> {
-        let seeds = (0..self.len()).filter(|&v| self.on_border[v]);
-        self.rings_from(seeds, rings)
-            .into_iter()
-            .map(|r| f64::from(r.min(rings)) / f64::from(rings))
-            .collect()
     }
 
     /// Number of rings between each vertex and the nearest of `seeds`, up to `limit`; `u32::MAX` further away.
@@ -104,8 +84,6 @@ mod tests {
         let adjacency = Adjacency::from_triangles(5, &[[0, 1, 2], [1, 3, 2]]);
         assert_eq!(adjacency.of(1), &[0, 2, 3]);
         assert_eq!(adjacency.of(4), &[] as &[u32]);
-        assert!(adjacency.on_border[..4].iter().all(|b| *b));
-        assert!(!adjacency.on_border[4]);
         let rings = adjacency.rings_from([0].into_iter(), 5);
         assert_eq!(rings, [0, 1, 1, 2, u32::MAX]);
     }

@@ -62,6 +62,9 @@ pub(crate) struct CageFit {
     bending: Vec<f64>,
     stretching: Vec<f64>,
     fixed: Vec<f64>,
+    /// Places in the pattern of every pair of every fine vertex's stencil, and where each vertex's begin.
+    slots: Vec<u32>,
+    slot_starts: Vec<u32>,
 }
 
 /// Where one fine vertex should go.
@@ -128,7 +131,18 @@ impl CageFit {
         for &(a, b) in &slit {
             add_spring(&pattern, &mut fixed, a, b, SLIT_WEIGHT);
         }
+        let (mut slots, mut slot_starts) = (Vec::new(), vec![0]);
+        for i in 0..stencils.len() {
+            let row = stencils.row(i);
+            for (k, &(a, _)) in row.iter().enumerate() {
+                let pairs = row[k..].iter();
+                slots.extend(pairs.map(|&(b, _)| pattern.index(a as usize, b as usize) as u32));
+            }
+            slot_starts.push(slots.len() as u32);
+        }
         Ok(Self {
+            slots,
+            slot_starts,
             pattern,
             symbolic,
             bending,
@@ -146,16 +160,18 @@ impl CageFit {
     ) -> Result<Vec<Vector3>, FlowError> {
         let n = reference.cage.positions.len();
         let (l2, l4) = (length * length, length.powi(4));
+        let stencils = &reference.subdivision.stencils;
         let mut values: Vec<f64> = (0..self.pattern.rows.len())
             .map(|k| l4 * self.bending[k] + MEMBRANE * l2 * self.stretching[k] + self.fixed[k])
             .collect();
         let mut right = Mat::<f64>::zeros(n, 3);
         for target in targets {
-            let row = reference.subdivision.stencils.row(target.vertex as usize);
+            let row = stencils.row(target.vertex as usize);
+            let mut slots = self.slots[self.slot_starts[target.vertex as usize] as usize..].iter();
             for (k, &(a, wa)) in row.iter().enumerate() {
                 let weight = target.weight * wa;
-                for &(b, wb) in &row[k..] {
-                    values[self.pattern.index(a as usize, b as usize)] += weight * wb;
+                for (&(_, wb), &slot) in row[k..].iter().zip(&mut slots) {
+                    values[slot as usize] += weight * wb;
                 }
                 for axis in 0..3 {
                     right[(a as usize, axis)] += weight * target.displacement[axis];

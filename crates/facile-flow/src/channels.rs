@@ -4,11 +4,14 @@ use facile_core::{Mesh, Plane, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::blur::{blur, masked_blur};
-use crate::curvature::Curvature;
-use crate::radial_map::RadialMap;
+use crate::curvature::{Operator, invariants};
+use crate::radial_map::{HOLE, RadialMap};
 
 /// Number of channels: `N_x N_y N_z R G B H K`.
 pub const CHANNELS: usize = 8;
+
+/// Place of mean curvature among the channels.
+pub(crate) const MEAN: usize = 6;
 
 /// The weighted channels of one cell: squared, they sum to the `||I||^2` of eq. 4.
 pub type Channels = [f32; CHANNELS];
@@ -37,7 +40,7 @@ impl Default for ChannelWeights {
     fn default() -> Self {
         Self {
             normal: 1.0,
-            color: 0.3,
+            color: 0.15,
             mean_curvature: 0.5,
             gaussian_curvature: 0.15,
             curvature_unit: 0.05,
@@ -55,45 +58,65 @@ pub struct CylinderImage {
     pub mask: Plane<f32>,
 }
 
+/// The channels of eq. 4 before anything is compared: what one surface shows on its own.
+#[derive(Clone, Debug)]
+pub(crate) struct RawImage {
+    values: Plane<Channels>,
+    /// 1 where there is surface.
+    pub(crate) covered: Plane<f32>,
+    /// How much each cell can be trusted, `[0, 1]`; 0 in holes.
+    trust: Plane<f32>,
+    h_step: f64,
+}
+
 /// Per-vertex input of the channels.
 pub(crate) struct Attributes<'a> {
     /// Unit normals.
     pub(crate) normals: &'a [Vector3],
-    /// Curvature of the vertices.
-    pub(crate) curvature: &'a Curvature,
+    /// Shape operators, in any frame.
+    pub(crate) operators: &'a [Operator],
+    /// Standard deviation of the neighbourhood over which operators are averaged, mm.
+    pub(crate) curvature_sigma: f64,
     /// Linear RGB of every cell, if the surface has colour.
     pub(crate) color: Option<&'a Plane<[f32; 3]>>,
 }
 
-/// Samples the channels of eq. 4 over a radial map; `trust` in `[0, 1]` is multiplied into the mask.
-pub(crate) fn cylinder_image(
+/// Samples the channels of eq. 4 over a radial map; `trust` in `[0, 1]` is that of each triangle.
+pub(crate) fn sample_channels(
     mesh: &Mesh,
     map: &RadialMap,
     attributes: &Attributes<'_>,
     trust: impl Fn(u32) -> f32,
     weights: &ChannelWeights,
-) -> CylinderImage {
+) -> RawImage {
     let (nx, ny) = (map.grid.width, map.grid.height);
-    let curvature: Vec<Vector3> = (attributes.curvature.mean.iter())
-        .zip(&attributes.curvature.gaussian)
-        .map(|(h, k)| {
-            let unit = weights.curvature_unit;
-            Vector3::new(compress(h / unit), compress(k / (unit * unit)), 0.0)
-        })
-        .collect();
-    let mut mask = Plane::filled(nx, ny, 0.0_f32);
+    let mut trusted = Plane::filled(nx, ny, 0.0_f32);
+    let mut covered = Plane::filled(nx, ny, 0.0_f32);
     let mut values = Plane::filled(nx, ny, [0.0_f32; CHANNELS]);
+    let mut operators = Plane::filled(nx, ny, [0.0_f32; 6]);
     for y in 0..ny {
         for x in 0..nx {
-            let Some(normal) = map.interpolate(&mesh.triangles, attributes.normals, x, y) else {
+            let t = map.triangle[(x, y)];
+            if t == HOLE {
                 continue;
-            };
-            let normal = outward(normal, map, x);
-            let bend = map
-                .interpolate(&mesh.triangles, &curvature, x, y)
-                .unwrap_or_default();
+            }
+            let [v, w] = map.weights[(x, y)].map(f64::from);
+            let share = [1.0 - v - w, v, w];
+            let (mut normal, mut operator) = (Vector3::zeros(), [0.0_f64; 6]);
+            for (corner, share) in mesh.triangles[t as usize].iter().zip(share) {
+                normal += attributes.normals[*corner as usize] * share;
+                for (o, value) in operator
+                    .iter_mut()
+                    .zip(attributes.operators[*corner as usize])
+                {
+                    *o += value * share;
+                }
+            }
+            let (normal, sign) = outward(normal, map, x);
             let color = attributes.color.map_or([0.0; 3], |c| c[(x, y)]);
-            mask[(x, y)] = trust(map.triangle[(x, y)]);
+            trusted[(x, y)] = trust(t);
+            covered[(x, y)] = 1.0;
+            operators[(x, y)] = operator.map(|o| (o * sign) as f32);
             values[(x, y)] = [
                 normal.x as f32,
                 normal.y as f32,
@@ -101,15 +124,46 @@ pub(crate) fn cylinder_image(
                 color[0],
                 color[1],
                 color[2],
-                bend.x as f32,
-                bend.y as f32,
+                0.0,
+                0.0,
             ];
         }
     }
-    remove_wide_variation(&mut values, &mask, weights.detail_mm / map.grid.h_step);
-    normalize_color(&mut values, &mask);
+    let sigma = attributes.curvature_sigma / map.grid.h_step;
+    let operators = masked_blur(&operators, &covered, sigma);
+    let unit = weights.curvature_unit;
+    for (value, operator) in values.as_mut_slice().iter_mut().zip(operators.as_slice()) {
+        let (h, k) = invariants(&operator.map(f64::from));
+        value[MEAN] = compress(h / unit) as f32;
+        value[MEAN + 1] = compress(k / (unit * unit)) as f32;
+    }
+    RawImage {
+        values,
+        covered,
+        trust: trusted,
+        h_step: map.grid.h_step,
+    }
+}
+
+/// Makes one of two images that are to be compared. What is wide is taken out over `support`, the cells that both
+/// surfaces cover: else every border of the one would be a slope in the other.
+pub(crate) fn comparable(
+    raw: &RawImage,
+    support: &Plane<f32>,
+    weights: &ChannelWeights,
+) -> CylinderImage {
+    let mut values = raw.values.clone();
+    remove_wide_variation(&mut values, support, weights.detail_mm / raw.h_step);
+    normalize_color(&mut values, support);
     apply_weights(&mut values, weights);
-    fill_holes(&mut values, &mask);
+    let soft = blur(&raw.covered, 1.5);
+    fill_holes(&mut values, &raw.covered);
+    let (nx, ny) = (raw.trust.width(), raw.trust.height());
+    // Beside a hole normals and curvature know one side only.
+    let mask = Plane::from_fn(nx, ny, |x, y| {
+        let inside = (2.0 * soft[(x, y)] - 1.0).clamp(0.0, 1.0);
+        raw.trust[(x, y)] * inside * inside
+    });
     CylinderImage { values, mask }
 }
 
@@ -118,14 +172,15 @@ fn compress(v: f64) -> f64 {
     2.0 * libm::tanh(0.5 * v)
 }
 
-/// Unit normal on the side of the axis that the ray leaves to, whatever the orientation of the triangle.
-fn outward(normal: Vector3, map: &RadialMap, x: usize) -> Vector3 {
+/// Unit normal on the side of the axis that the ray leaves to, whatever the orientation of the triangle, and -1 if it
+/// was turned.
+fn outward(normal: Vector3, map: &RadialMap, x: usize) -> (Vector3, f64) {
     let phi = map.grid.cylinder_from_cell([x as f64, 0.0]).1;
     let unit = normal.try_normalize(1e-12).unwrap_or_else(Vector3::zeros);
     if unit.x * libm::sin(phi) + unit.z * libm::cos(phi) < 0.0 {
-        -unit
+        (-unit, -1.0)
     } else {
-        unit
+        (unit, 1.0)
     }
 }
 
@@ -196,15 +251,32 @@ fn apply_weights(values: &mut Plane<Channels>, weights: &ChannelWeights) {
     }
 }
 
-/// Fills cells of little trust with the mean of what is near, so that borders of holes make no gradients.
+/// Fills cells without surface with the mean of what is near, so that borders of holes make no gradients.
 fn fill_holes(values: &mut Plane<Channels>, mask: &Plane<f32>) {
-    let near = masked_blur(values, mask, 3.0);
-    let soft = blur(mask, 1.0);
+    // The filling is smooth: half the cells are enough.
+    let (nx, ny) = (values.width().div_ceil(2), values.height().div_ceil(2));
+    let mut coarse = Plane::filled(nx, ny, [0.0_f32; CHANNELS]);
+    let mut weight = Plane::filled(nx, ny, 0.0_f32);
+    for y in 0..values.height() {
+        let (row, trust) = (values.row(y), mask.row(y));
+        for x in 0..values.width() {
+            let cell = &mut coarse[(x / 2, y / 2)];
+            for (c, v) in cell.iter_mut().zip(row[x]) {
+                *c += 0.25 * trust[x] * v;
+            }
+            weight[(x / 2, y / 2)] += 0.25 * trust[x];
+        }
+    }
+    let (sum, total) = (blur(&coarse, 1.5), blur(&weight, 1.5));
+    let near = Plane::from_fn(nx, ny, |x, y| {
+        let w = total[(x, y)];
+        sum[(x, y)].map(|v| if w > 1e-4 { v / w } else { 0.0 })
+    });
     for y in 0..values.height() {
         for x in 0..values.width() {
-            let keep = (soft[(x, y)] * mask[(x, y)]).min(1.0);
-            let (value, fill) = (values[(x, y)], near[(x, y)]);
-            values[(x, y)] = std::array::from_fn(|k| value[k] * keep + fill[k] * (1.0 - keep));
+            if mask[(x, y)] <= 0.0 {
+                values[(x, y)] = bilinear(&near, 0.5 * x as f32 - 0.25, 0.5 * y as f32 - 0.25);
+            }
         }
     }
 }
@@ -261,6 +333,6 @@ mod tests {
         mask[(10, 10)] = 0.0;
         fill_holes(&mut values, &mask);
         assert!((values[(10, 10)][0] - 2.0).abs() < 1e-4);
-        assert!((values[(11, 10)][3] - 2.0).abs() < 1e-4);
+        assert_eq!(values[(11, 10)][3], 2.0);
     }
 }

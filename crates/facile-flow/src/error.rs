@@ -30,6 +30,12 @@ pub enum FlowError {
         /// Size of the system.
         unknowns: usize,
     },
+    /// Landmarks that were given cannot be used.
+    #[error("landmarks: {reason}")]
+    Landmarks {
+        /// What is wrong with them.
+        reason: String,
+    },
     /// A parameter is outside its range.
     #[error("parameter {name} is {found}; allowed: {allowed}")]
     Parameter {

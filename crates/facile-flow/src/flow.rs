@@ -38,7 +38,7 @@ impl Default for FlowParams {
             levels: 4,
             warps: 3,
             window_cells: 1.5,
-            smoothness: 0.02,
+            smoothness: 0.2,
             outlier: 0.3,
             sweeps: 20,
         }
@@ -84,7 +84,7 @@ pub fn displacement_field(
                 solve_alone(&mut v, &normal);
             }
             if level == 0 && warp + 1 == params.warps.max(1) {
-                confidence = normal.map(|n| determinacy(n, params.smoothness as f32));
+                confidence = normal.map(|n| determinacy(n));
             }
         }
         field = Some(v);
@@ -123,16 +123,16 @@ fn accumulate(
     let inside = |x: f32, y: f32| {
         (0.0..=(nx - 1) as f32).contains(&x) && (0.0..=(ny - 1) as f32).contains(&y)
     };
-    let to_mask = to.mask.map(|m| [*m]);
     let mut warped: Plane<Channels> = Plane::filled(nx, ny, [0.0; CHANNELS]);
     let mut trust = Plane::filled(nx, ny, 0.0_f32);
     for y in 0..ny {
         for x in 0..nx {
             let [dx, dy] = v[(x, y)];
             let (tx, ty) = (x as f32 + dx, y as f32 + dy);
-            warped[(x, y)] = bilinear(&to.values, tx, ty);
+            let (value, there) = masked_bilinear(to, tx, ty);
+            warped[(x, y)] = value;
             if inside(tx, ty) {
-                trust[(x, y)] = from.mask[(x, y)] * bilinear(&to_mask, tx, ty)[0];
+                trust[(x, y)] = from.mask[(x, y)] * there;
             }
         }
     }
@@ -140,7 +140,12 @@ fn accumulate(
     let mut normal: Plane<Normal> = Plane::filled(nx, ny, [0.0; 5]);
     for y in 1..ny.saturating_sub(1) {
         for x in 1..nx.saturating_sub(1) {
-            if trust[(x, y)] <= 0.0 {
+            // Beside a hole there is no gradient.
+            let around = trust[(x - 1, y)]
+                .min(trust[(x + 1, y)])
+                .min(trust[(x, y - 1)])
+                .min(trust[(x, y + 1)]);
+            if trust[(x, y)].min(around) <= 0.0 {
                 continue;
             }
             // Gradients of both images at the same place: their mean halves the error of the linearisation.
@@ -167,11 +172,62 @@ fn accumulate(
     blur(&normal, params.window_cells)
 }
 
+/// Channels and mask of an image at a continuous position, holes left out of the mean.
+fn masked_bilinear(image: &CylinderImage, x: f32, y: f32) -> (Channels, f32) {
+    let (nx, ny) = (image.mask.width(), image.mask.height());
+    let x = x.clamp(0.0, (nx - 1) as f32);
+    let y = y.clamp(0.0, (ny - 1) as f32);
+    let (x0, y0) = (x as usize, y as usize);
+    let (x1, y1) = ((x0 + 1).min(nx - 1), (y0 + 1).min(ny - 1));
+    let (fx, fy) = (x - x0 as f32, y - y0 as f32);
+    let cells = [(x0, y0), (x1, y0), (x0, y1), (x1, y1)];
+    let shares = [
+        (1.0 - fx) * (1.0 - fy),
+        fx * (1.0 - fy),
+        (1.0 - fx) * fy,
+        fx * fy,
+    ];
+    let (mut sum, mut trust) = ([0.0_f32; CHANNELS], 0.0);
+    for (cell, share) in cells.into_iter().zip(shares) {
+        let weight = share * image.mask[cell];
+        let value = &image.values[cell];
+        for k in 0..CHANNELS {
+            sum[k] += value[k] * weight;
+        }
+        trust += weight;
+    }
+    if trust > 1e-3 {
+        (sum.map(|s| s / trust), trust)
+    } else {
+        (sum, 0.0)
+    }
+}
+
 /// Solves the windows' systems with a membrane between neighbours, by successive over-relaxation.
 fn relax(v: &mut Plane<[f32; 2]>, normal: &Plane<Normal>, params: &FlowParams) {
     let (nx, ny) = (v.width(), v.height());
     let alpha = params.smoothness as f32;
-    let start = v.clone();
+    // (J + alpha n) v = J start - b + alpha sum of neighbours, solved for v: `fixed + matrix sum`.
+    let cells = Plane::from_fn(nx, ny, |x, y| {
+        let count = [x > 0, x + 1 < nx, y > 0, y + 1 < ny]
+            .iter()
+            .filter(|b| **b)
+            .count() as f32;
+        let [jxx, jxy, jyy, bx, by] = normal[(x, y)];
+        let [sx, sy] = v[(x, y)];
+        let (axx, ayy) = (jxx + alpha * count, jyy + alpha * count);
+        let rx = jxx * sx + jxy * sy - bx;
+        let ry = jxy * sx + jyy * sy - by;
+        let inverse = 1.0 / (axx * ayy - jxy * jxy);
+        let (ixx, ixy, iyy) = (ayy * inverse, -jxy * inverse, axx * inverse);
+        [
+            ixx * rx + ixy * ry,
+            ixy * rx + iyy * ry,
+            alpha * ixx,
+            alpha * ixy,
+            alpha * iyy,
+        ]
+    });
     for sweep in 0..params.sweeps {
         for row in 0..ny {
             // Alternate the direction, so that information travels both ways equally fast.
@@ -182,11 +238,10 @@ fn relax(v: &mut Plane<[f32; 2]>, normal: &Plane<Normal>, params: &FlowParams) {
                 } else {
                     nx - 1 - column
                 };
-                let (mut sum, mut count) = ([0.0_f32; 2], 0.0_f32);
+                let mut sum = [0.0_f32; 2];
                 let mut add = |n: [f32; 2]| {
                     sum[0] += n[0];
                     sum[1] += n[1];
-                    count += 1.0;
                 };
                 if x > 0 {
                     add(v[(x - 1, y)]);
@@ -200,16 +255,10 @@ fn relax(v: &mut Plane<[f32; 2]>, normal: &Plane<Normal>, params: &FlowParams) {
                 if y + 1 < ny {
                     add(v[(x, y + 1)]);
                 }
-                let [jxx, jxy, jyy, bx, by] = normal[(x, y)];
-                let [sx, sy] = start[(x, y)];
-                // (J + alpha n) v = J start - b + alpha sum of neighbours.
-                let (axx, ayy) = (jxx + alpha * count, jyy + alpha * count);
-                let rx = jxx * sx + jxy * sy - bx + alpha * sum[0];
-                let ry = jxy * sx + jyy * sy - by + alpha * sum[1];
-                let determinant = axx * ayy - jxy * jxy;
+                let [fx, fy, mxx, mxy, myy] = cells[(x, y)];
                 let solved = [
-                    (ayy * rx - jxy * ry) / determinant,
-                    (axx * ry - jxy * rx) / determinant,
+                    fx + mxx * sum[0] + mxy * sum[1],
+                    fy + mxy * sum[0] + myy * sum[1],
                 ];
                 let cell = &mut v[(x, y)];
                 for (c, s) in cell.iter_mut().zip(solved) {
@@ -249,10 +298,13 @@ fn eigenvalues(xx: f32, xy: f32, yy: f32) -> (f32, f32) {
     ((half - spread).max(0.0), half + spread)
 }
 
-/// Share of the displacement that the window itself determines, against its neighbours' pull.
-fn determinacy(&[xx, xy, yy, ..]: &Normal, smoothness: f32) -> f32 {
+/// Smaller eigenvalue of a window at which half of the displacement counts as its own.
+const HALF_DETERMINED: f32 = 0.005;
+
+/// Share of the displacement that the window itself determines.
+fn determinacy(&[xx, xy, yy, ..]: &Normal) -> f32 {
     let (small, _) = eigenvalues(xx, xy, yy);
-    small / (small + smoothness.max(1e-4))
+    small / (small + HALF_DETERMINED)
 }
 
 #[cfg(test)]

@@ -1,8 +1,11 @@
 //! Folded triangles: found against the reference's shape, and smoothed away.
 
-use facile_core::{Point3, Vector3};
+use facile_core::{Matrix3, Point3, Vector3};
 
 use crate::template::Template;
+
+/// Cosine between a triangle's normal now and on the reference from which it is not looked at any closer.
+const CLEARLY_FLAT: f64 = 0.5;
 
 /// Triangles whose normal turned by more than 90 degrees against the rotation of their surroundings.
 pub(crate) fn folded_triangles(template: &Template<'_>, positions: &[Point3]) -> Vec<u32> {
@@ -11,30 +14,50 @@ pub(crate) fn folded_triangles(template: &Template<'_>, positions: &[Point3]) ->
         let [a, b, c] = t.map(|v| points[v as usize]);
         (b - a).cross(&(c - a))
     };
-    // The rotation of the surroundings is that of the two normals of the vertices around the triangle.
-    let now = facile_core::mesh::vertex_normals(positions, &mesh.triangles);
-    let before = facile_core::mesh::vertex_normals(&mesh.positions, &mesh.triangles);
-    let mean = |normals: &[Vector3], t: &[u32; 3]| {
-        let mut sum = Vector3::zeros();
-        for &v in t {
-            sum += normals[v as usize];
-            for &u in template.adjacency.of(v as usize) {
-                sum += normals[u as usize];
-            }
-        }
-        sum
-    };
-    mesh.triangles
-        .iter()
-        .enumerate()
+    (mesh.triangles.iter().enumerate())
         .filter(|(_, t)| {
-            let was = normal(&mesh.positions, t).dot(&mean(&before, t));
-            let is = normal(positions, t).dot(&mean(&now, t));
-            // Where the reference itself is folded tightly (lip rims), its own sign is the measure.
-            was * is < 0.0
+            let (was, is) = (normal(&mesh.positions, t), normal(positions, t));
+            if was.dot(&is) > CLEARLY_FLAT * was.norm() * is.norm() {
+                return false;
+            }
+            let rotation = local_rotation(template, positions, t);
+            (rotation * was).dot(&is) <= 0.0
         })
         .map(|(t, _)| t as u32)
         .collect()
+}
+
+/// The rotation that carries the reference's vertices within two rings of a triangle nearest to where they are now.
+fn local_rotation(template: &Template<'_>, positions: &[Point3], triangle: &[u32; 3]) -> Matrix3 {
+    let mut ring: Vec<u32> = triangle.to_vec();
+    for _ in 0..2 {
+        let next: Vec<u32> = (ring.iter())
+            .flat_map(|v| template.adjacency.of(*v as usize).iter().copied())
+            .collect();
+        ring.extend(next);
+        ring.sort_unstable();
+        ring.dedup();
+    }
+    let rest = &template.reference.mesh.positions;
+    let mean = |points: &[Point3]| {
+        let sum = (ring.iter()).fold(Vector3::zeros(), |s, v| s + points[*v as usize].coords);
+        sum / ring.len() as f64
+    };
+    let (from, to) = (mean(rest), mean(positions));
+    let mut covariance = Matrix3::zeros();
+    for &v in &ring {
+        let (p, q) = (rest[v as usize].coords, positions[v as usize].coords);
+        covariance += (q - to) * (p - from).transpose();
+    }
+    let svd = covariance.svd(true, true);
+    let (Some(u), Some(v_t)) = (svd.u, svd.v_t) else {
+        return Matrix3::identity();
+    };
+    let sign = (u * v_t).determinant().signum();
+    // The weakest axis of a nearly flat neighbourhood decides the sign: that of a rotation.
+    let mut flip = Vector3::new(1.0, 1.0, 1.0);
+    flip[svd.singular_values.imin()] = sign;
+    u * Matrix3::from_diagonal(&flip) * v_t
 }
 
 /// Relaxes the surroundings of folded triangles towards the reference's own shape until none is left or `rounds` are

@@ -1,12 +1,14 @@
-//! Fit of the identity model: which mixture of its modes comes nearest to the goals.
+//! Fit of pose, size and identity model together: which mixture of the modes, and where, comes nearest to the goals.
 //!
-//! Minimises, over the modes' coefficients `a`, `sum_i (x_i(a) - g_i)^T W_i (x_i(a) - g_i) / s^2 + |a|^2`, where `W_i`
-//! weighs the distance along the normal fully and the distance along the surface by how far the flow knows it. What
-//! the population never shows is left to the smooth deformation. Source: [BPV06]; Blanz and Vetter 1999.
+//! One Gauss-Newton step minimises, over a rigid motion, the size `s` and the modes' coefficients `a`,
+//! `sum_i (x_i - g_i)^T W_i (x_i - g_i) + |a|^2 + (ln s / sigma)^2`, where `W_i` weighs the distance along the normal
+//! fully and the distance along the surface by how far it is known. Together, because the modes hold shifts and growth
+//! of the face themselves: fitted in turns, pose and modes drift against each other. What the population never shows
+//! is left to the smooth deformation. Source: [BPV06]; Blanz and Vetter 1999.
 
 use facile_core::subdivision::Stencils;
-use facile_core::{IdentityModel, Point3, Vector3};
-use nalgebra::{DMatrix, DVector};
+use facile_core::{IdentityModel, Isometry3, Point3, UnitQuaternion, Vector3};
+use nalgebra::{DMatrix, DVector, Translation3};
 
 use crate::fit::Goal;
 use crate::template::Template;
@@ -14,92 +16,151 @@ use crate::template::Template;
 /// Error of one independent goal that the fit reckons with, mm.
 const GOAL_ERROR: f64 = 1.5;
 /// Area of skin whose goals err together, mm^2: as many goals as fit in there count as one.
-const INDEPENDENT_AREA: f64 = 150.0;
+const INDEPENDENT_AREA: f64 = 500.0;
 /// Largest coefficient, in standard deviations of the population.
-const LARGEST: f64 = 3.5;
-/// Every how many goals are used: the fit has far more than it needs.
-const STRIDE: usize = 3;
+const LARGEST: f64 = 3.0;
+/// Standard deviation of the logarithm of a head's size that is not in the modes.
+const SIZE_DEVIATION: f64 = 0.04;
+/// About how many goals a fit uses: it has far more than it needs.
+const USED_GOALS: usize = 1500;
+/// Unknowns before the coefficients: rotation, translation, logarithm of the size.
+const POSE: usize = 7;
 
 /// Displacements of the fine vertices per standard deviation of each mode.
 pub(crate) struct FineModes {
     /// The model, or none: then every fit gives the mean.
     model: Option<&'static IdentityModel>,
-    /// By mode, by fine vertex, mm.
-    modes: Vec<Vec<Vector3>>,
+    /// By fine vertex, by mode, mm.
+    modes: Vec<Vector3>,
+    count: usize,
+}
+
+/// A mixture of the modes and its size.
+#[derive(Clone, Debug)]
+pub(crate) struct Identity {
+    pub(crate) coefficients: Vec<f64>,
+    pub(crate) size: f64,
 }
 
 impl FineModes {
     /// Subdivides the modes of the cage.
     pub(crate) fn new(model: Option<&'static IdentityModel>, stencils: &Stencils) -> Self {
-        let modes = model.map_or_else(Vec::new, |m| {
-            (0..m.len())
-                .map(|k| stencils.apply(m.cage_mode(k), Vector3::zeros()))
-                .collect()
-        });
-        Self { model, modes }
+        let count = model.map_or(0, IdentityModel::len);
+        let mut modes = vec![Vector3::zeros(); count * stencils.len()];
+        if let Some(m) = model {
+            for k in 0..count {
+                let fine = stencils.apply(m.cage_mode(k), Vector3::zeros());
+                for (v, d) in fine.into_iter().enumerate() {
+                    modes[v * count + k] = d;
+                }
+            }
+        }
+        Self {
+            model,
+            modes,
+            count,
+        }
+    }
+
+    /// The mean face at a size.
+    pub(crate) fn mean(&self, size: f64) -> Identity {
+        Identity {
+            coefficients: vec![0.0; self.count],
+            size,
+        }
     }
 
     /// The cage with modes added: `(rest + sum of modes) * size`.
-    pub(crate) fn cage(&self, rest: &[Point3], coefficients: &[f64], size: f64) -> Vec<Vector3> {
+    pub(crate) fn cage(&self, rest: &[Point3], identity: &Identity) -> Vec<Vector3> {
         let mut cage: Vec<Vector3> = rest.iter().map(|p| p.coords).collect();
-        for (k, a) in coefficients.iter().enumerate() {
+        for (k, a) in identity.coefficients.iter().enumerate() {
             let mode = self.model.map_or(&[] as &[Vector3], |m| m.cage_mode(k));
             for (p, d) in cage.iter_mut().zip(mode) {
                 *p += d * *a;
             }
         }
         for p in &mut cage {
-            *p *= size;
+            *p *= identity.size;
         }
         cage
     }
 
-    /// Coefficients of the modes that bring the mean (fine positions `rest`, times `size`) nearest to the goals.
-    /// `normals` are those of the current shape.
-    pub(crate) fn fit(
+    /// One step: improves `identity` and returns the rigid motion of the face that brings it nearest to the goals.
+    /// `positions` are those of the identity's fine vertices, `normals` the current ones.
+    pub(crate) fn step(
         &self,
         template: &Template<'_>,
-        rest: &[Point3],
+        positions: &[Point3],
         normals: &[Vector3],
         goals: &[Goal],
-        size: f64,
-    ) -> Vec<f64> {
-        let k = self.modes.len();
-        let mut matrix = DMatrix::<f64>::identity(k, k);
-        let mut right = DVector::<f64>::zeros(k);
-        let unit = STRIDE as f64 / (INDEPENDENT_AREA * GOAL_ERROR * GOAL_ERROR);
-        let mut rows = vec![Vector3::zeros(); k];
-        for goal in goals.iter().step_by(STRIDE) {
+        identity: &mut Identity,
+    ) -> Isometry3 {
+        let n = POSE + self.count;
+        let stride = (goals.len() / USED_GOALS).max(1);
+        let unit = 1.0 / (INDEPENDENT_AREA * GOAL_ERROR * GOAL_ERROR);
+        let mut matrix = vec![0.0_f64; n * n];
+        let mut right = vec![0.0_f64; n];
+        let mut rows = [vec![0.0_f64; n], vec![0.0; n], vec![0.0; n]];
+        for (i, goal) in goals.iter().enumerate() {
+            // Landmarks come one by one and count each; of the rest one in `stride` stands for its neighbours.
+            let count = if goal.is_landmark { 1 } else { stride };
+            if i % count != 0 {
+                continue;
+            }
             let v = goal.vertex as usize;
-            let n = normals[v];
-            let weight = goal.weight * template.areas[v] * unit;
+            let (x, normal) = (positions[v].coords, normals[v]);
+            let weight = (goal.weight * template.areas[v] * unit * count as f64).sqrt();
             let across = goal.slide.sqrt();
             // The square root of W: along the surface times `across`, along the normal as it is.
-            let shape = |d: Vector3| d * across + n * (n.dot(&d) * (1.0 - across));
-            let wanted = shape(goal.at - rest[v] * size);
-            for (row, mode) in rows.iter_mut().zip(&self.modes) {
-                *row = shape(mode[v] * size);
+            let weigh =
+                |d: Vector3| (d * across + normal * (normal.dot(&d) * (1.0 - across))) * weight;
+            let residual = weigh(goal.at - positions[v]);
+            let mut put = |i: usize, d: Vector3| {
+                for axis in 0..3 {
+                    rows[axis][i] = d[axis];
+                }
+            };
+            for axis in 0..3 {
+                let e = Vector3::ith(axis, 1.0);
+                put(axis, weigh(e.cross(&x)));
+                put(3 + axis, weigh(e));
             }
-            for i in 0..k {
-                let scaled = rows[i] * weight;
-                right[i] += scaled.dot(&wanted);
-                for j in 0..=i {
-                    matrix[(i, j)] += scaled.dot(&rows[j]);
+            put(6, weigh(x));
+            let modes = &self.modes[v * self.count..(v + 1) * self.count];
+            for (k, mode) in modes.iter().enumerate() {
+                put(POSE + k, weigh(mode * identity.size));
+            }
+            for axis in 0..3 {
+                let row = &rows[axis];
+                for i in 0..n {
+                    let r = row[i];
+                    right[i] += r * residual[axis];
+                    for (m, value) in matrix[i * n..=i * n + i].iter_mut().zip(row) {
+                        *m += r * value;
+                    }
                 }
             }
         }
-        for i in 0..k {
-            for j in 0..i {
-                matrix[(j, i)] = matrix[(i, j)];
-            }
+        let prior = 1.0 / (SIZE_DEVIATION * SIZE_DEVIATION);
+        matrix[6 * n + 6] += prior;
+        right[6] -= prior * libm::log(identity.size);
+        for (k, a) in identity.coefficients.iter().enumerate() {
+            let i = POSE + k;
+            matrix[i * n + i] += 1.0;
+            right[i] -= a;
         }
-        match matrix.cholesky() {
-            Some(factor) => factor
-                .solve(&right)
-                .iter()
-                .map(|a| a.clamp(-LARGEST, LARGEST))
-                .collect(),
-            None => vec![0.0; k],
+        let full = DMatrix::from_fn(n, n, |i, j| matrix[i.max(j) * n + i.min(j)]);
+        let Some(factor) = full.cholesky() else {
+            return Isometry3::identity();
+        };
+        let step = factor.solve(&DVector::from_vec(right));
+        for (k, a) in identity.coefficients.iter_mut().enumerate() {
+            *a = (*a + step[POSE + k]).clamp(-LARGEST, LARGEST);
         }
+        identity.size *= libm::exp(step[6].clamp(-0.1, 0.1));
+        Isometry3::from_parts(
+            Translation3::new(step[3], step[4], step[5]),
+            UnitQuaternion::from_scaled_axis(Vector3::new(step[0], step[1], step[2])),
+        )
     }
 }

@@ -9,6 +9,7 @@ use facile_core::{Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::cage::Target;
+use crate::fit::Shape;
 use crate::scan::WorkingScan;
 use crate::template::Template;
 use crate::{FlowError, RegistrationParams};
@@ -40,15 +41,16 @@ struct Offset {
 pub(crate) fn settle(
     template: &Template<'_>,
     scan: &WorkingScan<'_>,
-    cage: &mut [Vector3],
+    shape: &mut Shape,
     params: &RegistrationParams,
 ) -> Result<Settled, FlowError> {
+    let Shape { cage, starts, .. } = shape;
     let steps = params.surface_smoothing_mm.len().max(1) as f64;
     for (k, &length) in params.surface_smoothing_mm.iter().enumerate() {
         let reach = REACH * (1.0 - 0.5 * k as f64 / steps);
         let fine = template.fine(cage);
         let normals = facile_core::mesh::vertex_normals(&fine, &template.reference.mesh.triangles);
-        let contacts = contacts(template, scan, &fine, &normals, reach);
+        let contacts = contacts(template, scan, &fine, &normals, starts, reach);
         let targets: Vec<Target> = contacts
             .iter()
             .enumerate()
@@ -70,7 +72,7 @@ pub(crate) fn settle(
     }
     let fine = template.fine(cage);
     let normals = facile_core::mesh::vertex_normals(&fine, &template.reference.mesh.triangles);
-    let found = contacts(template, scan, &fine, &normals, MAX_OFFSET);
+    let found = contacts(template, scan, &fine, &normals, starts, MAX_OFFSET);
     let offsets = spread_offsets(template, &found);
     let positions = fine
         .iter()
@@ -93,17 +95,19 @@ fn contacts(
     scan: &WorkingScan<'_>,
     fine: &[Point3],
     normals: &[Vector3],
+    starts: &mut [u32],
     reach: f64,
 ) -> Vec<Option<Offset>> {
-    let one = |v: usize| {
+    let one = |(v, start): (usize, &mut u32)| {
         if template.skin[v] <= 0.0 {
             return None;
         }
-        let hit = scan.nearest(&fine[v], reach)?;
+        let hit = scan.nearest_from(*start, &fine[v], &normals[v], reach)?;
         let same = hit.normal.dot(&normals[v]);
         if same < SAME_SIDE || scan.is_on_border(&hit) {
             return None;
         }
+        *start = hit.triangle;
         let offset = normals[v].dot(&(hit.point - fine[v]));
         let far = offset.abs() / reach;
         Some(Offset {
@@ -113,19 +117,24 @@ fn contacts(
                 * (1.0 - far * far),
         })
     };
-    (0..fine.len()).into_par_iter().map(one).collect()
+    starts.par_iter_mut().enumerate().map(one).collect()
 }
 
 /// Offsets of all fine vertices: trusted ones keep theirs, lightly smoothed; others take their neighbours', fading.
 fn spread_offsets(template: &Template<'_>, contacts: &[Option<Offset>]) -> Vec<f64> {
     /// Pull of a trusted vertex to its own offset against each neighbour's.
     const OWN: f64 = 4.0;
+    /// Vertices trusted less follow the others.
+    const LEAST: f64 = 0.1;
     /// Pull of any vertex to no offset against each neighbour's: fades within about four rings.
     const FADE: f64 = 0.4;
     const SWEEPS: usize = 24;
     let mut offsets: Vec<f64> = contacts
         .iter()
-        .map(|c| c.as_ref().map_or(0.0, |c| c.offset))
+        .map(|c| match c {
+            Some(c) if c.weight >= LEAST => c.offset,
+            _ => 0.0,
+        })
         .collect();
     for _ in 0..SWEEPS {
         for v in 0..offsets.len() {
@@ -133,8 +142,8 @@ fn spread_offsets(template: &Template<'_>, contacts: &[Option<Offset>]) -> Vec<f
             let sum: f64 = neighbors.iter().map(|u| offsets[*u as usize]).sum();
             let count = neighbors.len() as f64;
             let (own, pull) = match &contacts[v] {
-                Some(c) => (c.offset, OWN * count * c.weight.max(0.05)),
-                None => (0.0, FADE * count),
+                Some(c) if c.weight >= LEAST => (c.offset, OWN * count * c.weight),
+                _ => (0.0, FADE * count),
             };
             if count > 0.0 {
                 offsets[v] = (sum + pull * own) / (count + pull);

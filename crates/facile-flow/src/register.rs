@@ -1,15 +1,20 @@
 //! The whole way of one scan: normalise, flow and fit, settle, eyes, texture, report.
 
+use std::sync::OnceLock;
+use std::time::Instant;
+
 use facile_core::io::Scan;
-use facile_core::{Attributes, IdentityModel, ReferenceHead, Similarity3, Subject, Vector3};
+use facile_core::{Attributes, IdentityModel, Point3, ReferenceHead, Similarity3, Subject};
 
 use crate::fit::{Shape, fit_shape};
 use crate::identity_fit::FineModes;
-use crate::normalise::{Pose, find_face};
+use crate::landmarks::ScanLandmarks;
+use crate::normalise::{FaceModel, Pose, find_face, pose_from_landmarks};
 use crate::onto_surface::{Settled, settle};
 use crate::report::{RegistrationReport, quantile, rows_of};
 use crate::scan::{WorkingScan, clean};
 use crate::template::Template;
+use crate::texture::TexelMap;
 use crate::{FlowError, RegistrationParams, eyes, folds, texture};
 
 /// A registered scan.
@@ -21,13 +26,49 @@ pub struct Registration {
     pub head_from_scan: Similarity3,
     /// How good it is.
     pub report: RegistrationReport,
+    /// Wall time of each stage.
+    pub times: Vec<StageTime>,
+}
+
+/// How long one stage of a registration took.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StageTime {
+    /// The stage.
+    pub stage: &'static str,
+    /// Wall time, s.
+    pub seconds: f64,
+}
+
+/// Measures stage after stage.
+struct Clock {
+    last: Instant,
+    times: Vec<StageTime>,
+}
+
+impl Clock {
+    fn start() -> Self {
+        Self {
+            last: Instant::now(),
+            times: Vec::new(),
+        }
+    }
+
+    fn stop(&mut self, stage: &'static str) {
+        let now = Instant::now();
+        let seconds = (now - self.last).as_secs_f64();
+        self.times.push(StageTime { stage, seconds });
+        self.last = now;
+    }
 }
 
 /// Registers scans to one reference head. Holds what every scan needs, so make it once for many.
 pub struct Registrar<'a> {
     template: Template<'a>,
+    face: FaceModel,
     modes: FineModes,
     params: RegistrationParams,
+    /// Made when the first texture is baked.
+    texels: OnceLock<TexelMap>,
 }
 
 impl<'a> Registrar<'a> {
@@ -46,9 +87,16 @@ impl<'a> Registrar<'a> {
         let model = (params.use_identity && same_cage).then(IdentityModel::embedded);
         Ok(Self {
             template: Template::new(reference)?,
+            face: FaceModel::new(reference),
             modes: FineModes::new(model, &reference.subdivision.stencils),
             params,
+            texels: OnceLock::new(),
         })
+    }
+
+    fn texels(&self) -> &TexelMap {
+        self.texels
+            .get_or_init(|| TexelMap::new(&self.template, self.params.texture_size))
     }
 
     /// Registers one scan: a neutral face, roughly upright, facing `+z` within 45 degrees, in any unit.
@@ -59,20 +107,64 @@ impl<'a> Registrar<'a> {
     /// # Errors
     /// [`FlowError::TooFewTriangles`] and [`FlowError::NoFace`] with the measure that failed.
     pub fn register(&self, input: &Scan) -> Result<Registration, FlowError> {
+        self.register_with(input, None)
+    }
+
+    /// As [`Self::register`], with landmarks where they are known: they give the pose, from any direction, and hold
+    /// their places.
+    ///
+    /// # Errors
+    /// As [`Self::register`], and [`FlowError::Landmarks`] for landmarks that do not determine a pose.
+    pub fn register_with(
+        &self,
+        input: &Scan,
+        landmarks: Option<&ScanLandmarks>,
+    ) -> Result<Registration, FlowError> {
         let (template, params) = (&self.template, &self.params);
+        let mut clock = Clock::start();
         let cleaned = clean(&input.mesh)?;
-        let normals = cleaned.vertex_normals();
-        let pose = find_face(template.reference, &cleaned, &normals, &params.normalise)?;
-        let mut scan = WorkingScan::new(
-            cleaned,
-            input.texture.as_ref(),
-            &pose.head_from_scan,
-            params.curvature_sigma_mm,
+        clock.stop("clean");
+        let anchors = match landmarks {
+            Some(landmarks) => landmarks.anchors(template.reference)?,
+            None => Vec::new(),
+        };
+        let pose = if anchors.is_empty() {
+            find_face(
+                &self.face,
+                &cleaned.mesh,
+                &cleaned.normals,
+                &params.normalise,
+            )?
+        } else {
+            let on_scan: Vec<Point3> = anchors.iter().map(|a| a.at).collect();
+            let on_reference: Vec<Point3> = (anchors.iter())
+                .map(|a| a.on(&template.reference.mesh.positions))
+                .collect();
+            pose_from_landmarks(&on_reference, &on_scan, &params.normalise)?
+        };
+        clock.stop("normalise");
+        let mut scan = WorkingScan::new(cleaned, input.texture.as_ref(), &pose.head_from_scan)?;
+        clock.stop("prepare");
+        let mut shape = fit_shape(
+            template,
+            &self.modes,
+            &mut scan,
+            pose.size,
+            &anchors,
+            params,
         )?;
-        let curvature_correlation = self.check_face(&scan, pose.size)?;
-        let mut shape = fit_shape(template, &self.modes, &mut scan, pose.size, params)?;
-        let mut settled = settle(template, &scan, &mut shape.cage, params)?;
+        clock.stop("fit");
+        let mut settled = settle(template, &scan, &mut shape, params)?;
+        for _ in 0..3 {
+            template.slit.close(
+                template.reference,
+                &template.adjacency,
+                &mut settled.positions,
+                shape.size,
+            );
+        }
         let folded = folds::unfold(template, &mut settled.positions, shape.size, 30);
+        clock.stop("settle");
         let expected_error = expected_error(template, &shape, &settled);
         let head_from_scan = scan.head_from_scan();
         let report = self.report(
@@ -82,69 +174,26 @@ impl<'a> Registrar<'a> {
             &expected_error,
             &Facts {
                 head_from_scan,
-                curvature_correlation,
                 folded,
             },
         );
         let subject = Subject {
             id: input.name.clone(),
             attributes: Attributes::default(),
-            texture: texture::bake(template, &scan, &settled.positions, params.texture_size),
+            texture: texture::bake(template, self.texels(), &scan, &settled.positions),
             eyes: eyes::place_eyes(template.reference, &settled.positions),
             skull_from_reference: eyes::place_skull(template.reference, &settled.positions),
             eye_color: "brown".to_owned(),
             positions: settled.positions,
             expected_error,
         };
+        clock.stop("texture");
         Ok(Registration {
             subject,
             head_from_scan,
             report,
+            times: clock.times,
         })
-    }
-
-    /// Correlates mean curvature between the reference's face, posed on the scan, and the scan.
-    fn check_face(&self, scan: &WorkingScan<'_>, size: f64) -> Result<f64, FlowError> {
-        let template = &self.template;
-        let rest: Vec<Vector3> = (template.reference.cage.positions.iter())
-            .map(|p| p.coords * size)
-            .collect();
-        let grid = crate::fit::face_grid(4.0);
-        let sigma = 2.0 * self.params.curvature_sigma_mm;
-        let view = template.view(
-            template.fine(&rest),
-            grid,
-            &self.params.weights,
-            sigma,
-            false,
-        );
-        let mut pairs = Vec::new();
-        for (v, p) in view.mesh.positions.iter().enumerate() {
-            let frontal = libm::atan2(p.x, p.z).abs() < 1.0 && (-100.0..40.0).contains(&p.y);
-            if !(frontal && view.visible[v] && template.skin[v] > 0.0) {
-                continue;
-            }
-            let Some(hit) = scan.nearest(p, 15.0) else {
-                continue;
-            };
-            let corners = scan.mesh.triangles[hit.triangle as usize];
-            let there: f64 = (0..3)
-                .map(|k| hit.barycentric[k] * scan.curvature.mean[corners[k] as usize])
-                .sum();
-            let clip = |h: f64| h.clamp(-0.1, 0.1);
-            pairs.push((clip(view.mean_curvature[v]), clip(there), template.areas[v]));
-        }
-        let found = correlation(&pairs);
-        let limit = self.params.min_curvature_correlation;
-        if found < limit {
-            return Err(FlowError::NoFace {
-                measure: "the correlation of its curvature with a face's",
-                found,
-                relation: "at least",
-                limit,
-            });
-        }
-        Ok(found)
     }
 
     fn report(
@@ -157,13 +206,7 @@ impl<'a> Registrar<'a> {
     ) -> RegistrationReport {
         let template = &self.template;
         let n = settled.positions.len();
-        let is_face = |v: usize| {
-            let p = &template.reference.mesh.positions[v];
-            libm::atan2(p.x, p.z).abs() < 1.15
-                && (-110.0..60.0).contains(&p.y)
-                && template.skin[v] > 0.0
-                && p.z > 30.0
-        };
+        let is_face = |v: usize| template.face[v];
         let share = |of: &dyn Fn(usize) -> bool, among: &dyn Fn(usize) -> bool| {
             let area = |keep: &dyn Fn(usize) -> bool| -> f64 {
                 (0..n).filter(|&v| keep(v)).map(|v| template.areas[v]).sum()
@@ -174,8 +217,8 @@ impl<'a> Registrar<'a> {
         let distances: Vec<f64> = settled.residual.iter().flatten().copied().collect();
         let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
         let round_trips: Vec<f64> = (0..n)
-            .filter(|&v| is_face(v) && shape.forward_backward[v].is_finite())
-            .map(|v| shape.forward_backward[v])
+            .filter(|&v| is_face(v) && shape.evidence[v].forward_backward.is_finite())
+            .map(|v| shape.evidence[v].forward_backward)
             .collect();
         let errors: Vec<f64> = (0..n)
             .filter(|&v| is_face(v))
@@ -188,7 +231,7 @@ impl<'a> Registrar<'a> {
             size: shape.size,
             rigid_coverage: pose.coverage,
             rigid_distance_mm: pose.distance,
-            curvature_correlation: facts.curvature_correlation,
+            curvature_correlation: shape.curvature_correlation,
             coverage: share(&covered, &|v| template.skin[v] > 0.0),
             face_coverage: share(&covered, &is_face),
             forward_backward_mm: mean(&round_trips),
@@ -203,7 +246,6 @@ impl<'a> Registrar<'a> {
 /// What the stages found besides the shape.
 struct Facts {
     head_from_scan: Similarity3,
-    curvature_correlation: f64,
     folded: usize,
 }
 
@@ -219,42 +261,39 @@ pub fn register(
     Registrar::new(reference, params.clone())?.register(scan)
 }
 
-/// Weighted correlation of pairs `(a, b, weight)`; 0 for fewer than ten.
-fn correlation(pairs: &[(f64, f64, f64)]) -> f64 {
-    let total: f64 = pairs.iter().map(|p| p.2).sum();
-    if pairs.len() < 10 || total <= 0.0 {
-        return 0.0;
-    }
-    let mean =
-        |f: &dyn Fn(&(f64, f64, f64)) -> f64| pairs.iter().map(|p| f(p) * p.2).sum::<f64>() / total;
-    let (a, b) = (mean(&|p| p.0), mean(&|p| p.1));
-    let covariance = mean(&|p| (p.0 - a) * (p.1 - b));
-    let spread = (mean(&|p| (p.0 - a).powi(2)) * mean(&|p| (p.1 - b).powi(2))).sqrt();
-    covariance / spread.max(1e-12)
-}
-
-/// Expected error of each fine vertex, mm: what the flow could not decide, what did not come back, what has no surface.
+/// Expected error of each fine vertex, mm.
+///
+/// What the flow decided, averaged over some centimetres of skin: a flat cheek lies as far off as its distance to the
+/// nearest feature lets it. Skin without scan surface follows its surroundings and errs more. The constants are a
+/// least-squares fit on people of the identity model, see `examples/known_scans.rs`.
 fn expected_error(template: &Template<'_>, shape: &Shape, settled: &Settled) -> Vec<f32> {
-    /// Error of a vertex whose flow is certain, mm; of one in a flat region; of one that only follows.
-    const CERTAIN: f64 = 0.8;
-    const FLAT: f64 = 2.2;
-    const UNSEEN: f64 = 5.0;
-    let raw: Vec<f64> = (0..settled.positions.len())
-        .map(|v| match settled.residual[v] {
-            Some(_) if shape.forward_backward[v].is_finite() => {
-                let flat = (FLAT - CERTAIN) * (1.0 - shape.confidence[v]);
-                CERTAIN + flat + 0.5 * shape.forward_backward[v].min(6.0)
-            }
-            Some(_) => 0.5 * (FLAT + UNSEEN),
-            None => UNSEEN,
+    /// Sweeps of averaging: a standard deviation of about 15 mm on the face.
+    const SWEEPS: usize = 150;
+    const LEAST: f64 = 0.1;
+    const FLAT: f64 = 1.25;
+    const UNSEEN: f64 = 3.0;
+    let n = settled.positions.len();
+    let mut known: Vec<[f64; 2]> = (0..n)
+        .map(|v| {
+            let unseen = settled.residual[v].is_none();
+            [shape.evidence[v].confidence, f64::from(u8::from(unseen))]
         })
         .collect();
-    // Neighbours share their fate: one smoothing.
-    (0..raw.len())
-        .map(|v| {
-            let neighbors = template.adjacency.of(v);
-            let sum: f64 = neighbors.iter().map(|u| raw[*u as usize]).sum();
-            (0.5 * raw[v] + 0.5 * sum / neighbors.len().max(1) as f64) as f32
-        })
+    for _ in 0..SWEEPS {
+        known = (0..n)
+            .map(|v| {
+                let neighbors = template.adjacency.of(v);
+                let half = 0.5 / neighbors.len().max(1) as f64;
+                let mut mean = known[v].map(|k| 0.5 * k);
+                for u in neighbors {
+                    let k = known[*u as usize];
+                    mean = [mean[0] + half * k[0], mean[1] + half * k[1]];
+                }
+                mean
+            })
+            .collect();
+    }
+    (known.iter())
+        .map(|[decided, unseen]| (LEAST + FLAT * (1.0 - decided) + UNSEEN * unseen) as f32)
         .collect()
 }

@@ -3,22 +3,34 @@
 use facile_core::{Isometry3, Mesh, Plane, Point3, Similarity3, Texture, Vector3};
 
 use crate::FlowError;
-use crate::adjacency::Adjacency;
-use crate::channels::{Attributes, ChannelWeights, CylinderImage, cylinder_image};
-use crate::curvature::{Curvature, vertex_curvature};
+use crate::channels::{Attributes, ChannelWeights, RawImage, sample_channels};
+use crate::curvature::{Operator, vertex_operators};
+use crate::decimate::thin_out;
+use crate::neighbors::{NONE, TriangleNeighbors};
 use crate::radial_map::{CylinderGrid, HOLE, RadialMap};
 use crate::surface::Surface;
 
 /// Fewer triangles than this show no face.
 const MIN_TRIANGLES: usize = 100;
 
-/// A scan with what does not change while it is posed: curvature in 1/mm needs the unit, so it comes with the pose.
+/// A cleaned scan: what does not change while it is posed.
+pub(crate) struct CleanScan {
+    /// The scan's own unit. Degenerate and repeated triangles are left out, the rest faces outwards.
+    pub(crate) mesh: Mesh,
+    /// Unit normals of the vertices.
+    pub(crate) normals: Vec<Vector3>,
+    pub(crate) neighbors: TriangleNeighbors,
+}
+
+/// A scan in the head frame.
 pub(crate) struct WorkingScan<'a> {
-    /// Head frame, mm. Degenerate and repeated triangles are left out.
+    /// Head frame, mm.
     pub(crate) mesh: Mesh,
     pub(crate) normals: Vec<Vector3>,
-    pub(crate) curvature: Curvature,
+    /// Shape operators in the frame where the scan was first, 1/mm.
+    pub(crate) operators: Vec<Operator>,
     pub(crate) texture: Option<&'a Texture>,
+    pub(crate) neighbors: TriangleNeighbors,
     /// Vertices on the scan's borders.
     pub(crate) on_border: Vec<bool>,
     /// The surface where the scan was first; `moved` brings it here.
@@ -37,11 +49,35 @@ pub(crate) struct Contact {
     pub(crate) barycentric: [f64; 3],
 }
 
-/// The triangles of `mesh` that have an area, each once; flipped as a whole if they face inwards.
+/// The triangles of `mesh` that have an area, each once, thinned out if they are too many, turned to face outwards.
 ///
 /// # Errors
 /// [`FlowError::TooFewTriangles`] if fewer than 100 remain.
-pub(crate) fn clean(mesh: &Mesh) -> Result<Mesh, FlowError> {
+pub(crate) fn clean(mesh: &Mesh) -> Result<CleanScan, FlowError> {
+    let mut mesh = sound_triangles(&thin_out(mesh))?;
+    let neighbors = TriangleNeighbors::new(&mesh.triangles);
+    let turned = neighbors.turned(&mesh);
+    let has_texcoords = !mesh.texcoord_triangles.is_empty();
+    for t in (0..turned.len()).filter(|t| turned[*t]) {
+        mesh.triangles[t].swap(1, 2);
+        if has_texcoords {
+            mesh.texcoord_triangles[t].swap(1, 2);
+        }
+    }
+    let neighbors = if turned.contains(&true) {
+        TriangleNeighbors::new(&mesh.triangles)
+    } else {
+        neighbors
+    };
+    Ok(CleanScan {
+        normals: mesh.vertex_normals(),
+        mesh,
+        neighbors,
+    })
+}
+
+/// The triangles of `mesh` that have an area, each once.
+fn sound_triangles(mesh: &Mesh) -> Result<Mesh, FlowError> {
     let mut seen: Vec<([u32; 3], u32)> = Vec::with_capacity(mesh.triangles.len());
     for (t, triangle) in mesh.triangles.iter().enumerate() {
         let [a, b, c] = triangle.map(|v| mesh.positions[v as usize]);
@@ -68,77 +104,46 @@ pub(crate) fn clean(mesh: &Mesh) -> Result<Mesh, FlowError> {
         }
         kept.iter().map(|&t| list[t as usize]).collect()
     };
-    let mut clean = Mesh {
+    Ok(Mesh {
         positions: mesh.positions.clone(),
         triangles: pick(&mesh.triangles),
         texcoords: mesh.texcoords.clone(),
         texcoord_triangles: pick(&mesh.texcoord_triangles),
         colors: mesh.colors.clone(),
         segments: Vec::new(),
-    };
-    if faces_inwards(&clean) {
-        for t in clean
-            .triangles
-            .iter_mut()
-            .chain(&mut clean.texcoord_triangles)
-        {
-            t.swap(1, 2);
-        }
-    }
-    Ok(clean)
-}
-
-/// Whether the normals point towards the centre of the surface on the whole.
-fn faces_inwards(mesh: &Mesh) -> bool {
-    let (mut center, mut total) = (Vector3::zeros(), 0.0);
-    let facets: Vec<(Vector3, Vector3)> = (0..mesh.triangles.len())
-        .map(|t| {
-            let [a, b, c] = mesh.corners(t);
-            (
-                (a.coords + b.coords + c.coords) / 3.0,
-                (b - a).cross(&(c - a)),
-            )
-        })
-        .collect();
-    for (at, area) in &facets {
-        center += at * area.norm();
-        total += area.norm();
-    }
-    center /= total;
-    facets
-        .iter()
-        .map(|(at, area)| (at - center).dot(area))
-        .sum::<f64>()
-        < 0.0
+    })
 }
 
 impl<'a> WorkingScan<'a> {
-    /// Brings a cleaned scan into the head frame and estimates its curvature.
+    /// Brings a cleaned scan into the head frame.
     pub(crate) fn new(
-        mut mesh: Mesh,
+        clean: CleanScan,
         texture: Option<&'a Texture>,
         head_from_scan: &Similarity3,
-        curvature_sigma: f64,
     ) -> Result<Self, FlowError> {
+        let CleanScan {
+            mut mesh,
+            mut normals,
+            neighbors,
+        } = clean;
         for p in &mut mesh.positions {
             *p = head_from_scan * *p;
         }
-        let normals = mesh.vertex_normals();
-        let (curvature, surface) = rayon::join(
-            || vertex_curvature(&mesh, &normals, curvature_sigma),
-            || Surface::new(&mesh, normals.clone()),
-        );
-        let on_border = Adjacency::from_triangles(mesh.positions.len(), &mesh.triangles).on_border;
+        for n in &mut normals {
+            *n = head_from_scan.isometry.rotation * *n;
+        }
+        let surface = Surface::new(&mesh, normals.clone()).ok_or(FlowError::TooFewTriangles {
+            triangles: mesh.triangles.len(),
+            needed: MIN_TRIANGLES,
+        })?;
         Ok(Self {
-            surface: surface.ok_or(FlowError::TooFewTriangles {
-                triangles: mesh.triangles.len(),
-                needed: MIN_TRIANGLES,
-            })?,
+            surface,
+            operators: vertex_operators(&mesh, &normals),
+            on_border: neighbors.border_vertices(mesh.positions.len(), &mesh.triangles),
             mesh,
             normals,
-            curvature,
+            neighbors,
             texture,
-            on_border,
             moved: Isometry3::identity(),
             first_from_scan: *head_from_scan,
         })
@@ -162,10 +167,59 @@ impl<'a> WorkingScan<'a> {
         })
     }
 
+    /// As [`Self::nearest`], by a walk from triangle `start`, if it ends within `reach` on a surface that faces `normal`;
+    /// else by search. Cost O(1) where the walk is short.
+    pub(crate) fn nearest_from(
+        &self,
+        start: u32,
+        p: &Point3,
+        normal: &Vector3,
+        reach: f64,
+    ) -> Option<Contact> {
+        if start != NONE {
+            let (triangle, barycentric, square) = self.neighbors.walk(&self.mesh, start, p);
+            if square < reach * reach {
+                let corners = self.mesh.triangles[triangle as usize].map(|v| v as usize);
+                let (mut point, mut sum) = (Vector3::zeros(), Vector3::zeros());
+                for (v, w) in corners.into_iter().zip(barycentric) {
+                    point += self.mesh.positions[v].coords * w;
+                    sum += self.normals[v] * w;
+                }
+                let there = sum.try_normalize(1e-12).unwrap_or(self.normals[corners[0]]);
+                let contact = Contact {
+                    point: Point3::from(point),
+                    normal: there,
+                    triangle,
+                    barycentric,
+                };
+                if there.dot(normal) > 0.5 && !self.is_on_border(&contact) {
+                    return Some(contact);
+                }
+            }
+        }
+        self.nearest(p, reach)
+    }
+
     /// Whether a point lies on the scan's border, where the nearest point says nothing about the surface beyond.
     pub(crate) fn is_on_border(&self, contact: &Contact) -> bool {
         let corners = self.mesh.triangles[contact.triangle as usize];
         (0..3).any(|k| contact.barycentric[k] > 1e-6 && self.on_border[corners[k] as usize])
+    }
+
+    /// For each vertex 0 on the border, 1/2 one triangle away from it, 1 elsewhere.
+    pub(crate) fn distance_from_border(&self) -> Vec<f32> {
+        let mut distance: Vec<f32> = (self.on_border.iter())
+            .map(|b| if *b { 0.0 } else { 1.0 })
+            .collect();
+        for corners in &self.mesh.triangles {
+            let corners = corners.map(|v| v as usize);
+            if corners.iter().any(|v| self.on_border[*v]) {
+                for v in corners {
+                    distance[v] = distance[v].min(0.5);
+                }
+            }
+        }
+        distance
     }
 
     /// Moves the scan rigidly.
@@ -203,7 +257,12 @@ impl<'a> WorkingScan<'a> {
     }
 
     /// The scan as the cylinder shows it.
-    pub(crate) fn view(&self, grid: CylinderGrid, weights: &ChannelWeights) -> ScanView {
+    pub(crate) fn view(
+        &self,
+        grid: CylinderGrid,
+        weights: &ChannelWeights,
+        curvature_sigma: f64,
+    ) -> ScanView {
         let map = RadialMap::cast(&self.mesh.positions, &self.mesh.triangles, grid);
         let color = self.has_color().then(|| {
             Plane::from_fn(grid.width, grid.height, |x, y| {
@@ -217,18 +276,19 @@ impl<'a> WorkingScan<'a> {
         });
         let attributes = Attributes {
             normals: &self.normals,
-            curvature: &self.curvature,
+            operators: &self.operators,
+            curvature_sigma,
             color: color.as_ref(),
         };
-        let image = cylinder_image(&self.mesh, &map, &attributes, |_| 1.0, weights);
-        ScanView { map, image }
+        let raw = sample_channels(&self.mesh, &map, &attributes, |_| 1.0, weights);
+        ScanView { map, raw }
     }
 }
 
 /// The scan on the cylinder.
 pub(crate) struct ScanView {
     pub(crate) map: RadialMap,
-    pub(crate) image: CylinderImage,
+    pub(crate) raw: RawImage,
 }
 
 impl ScanView {
@@ -286,8 +346,8 @@ mod tests {
         let [a, b, c] = mesh.triangles[3];
         mesh.triangles.extend([[a, a, b], [c, a, b]]);
         let clean = clean(&mesh).expect("enough");
-        assert_eq!(clean.triangles.len(), count);
-        assert!(clean.vertex_normals()[84].z > 0.9, "turned outwards");
+        assert_eq!(clean.mesh.triangles.len(), count);
+        assert!(clean.normals[84].z > 0.9, "turned outwards");
         mesh.triangles.truncate(50);
         assert!(matches!(
             super::clean(&mesh),

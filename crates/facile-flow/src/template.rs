@@ -5,8 +5,9 @@ use facile_core::{Mesh, Plane, Point3, ReferenceHead, Segment, Vector3};
 use crate::FlowError;
 use crate::adjacency::Adjacency;
 use crate::cage::CageFit;
-use crate::channels::{Attributes, ChannelWeights, CylinderImage, cylinder_image};
-use crate::curvature::vertex_curvature;
+use crate::channels::{Attributes, ChannelWeights, RawImage, sample_channels};
+use crate::curvature::vertex_operators;
+use crate::lips::Slit;
 use crate::radial_map::{CylinderGrid, HOLE, RadialMap, visible_vertices};
 
 /// A vertex this far below the outermost surface is hidden, mm.
@@ -16,12 +17,16 @@ const VISIBLE_SLACK: f64 = 1.5;
 pub(crate) struct Template<'a> {
     pub(crate) reference: &'a ReferenceHead,
     pub(crate) cage_fit: CageFit,
+    /// Where the lips touch.
+    pub(crate) slit: Slit,
     /// Neighbours on the fine mesh.
     pub(crate) adjacency: Adjacency,
     /// How far each fine triangle takes part in the flow, `[0, 1]`.
     pub(crate) flow_trust: Vec<f32>,
     /// How far each fine vertex may be drawn to the scan's surface, `[0, 1]`: 0 inside mouth and sockets.
     pub(crate) skin: Vec<f64>,
+    /// Whether each fine vertex belongs to the face: outer skin from forehead to chin, between the ears.
+    pub(crate) face: Vec<bool>,
     /// Area of each fine vertex, mm^2.
     pub(crate) areas: Vec<f64>,
     /// Linear RGB at each fine vertex, from the mean texture.
@@ -41,19 +46,20 @@ impl<'a> Template<'a> {
                 _ => 1.0,
             })
             .collect();
-        let mut skin = vec![1.0; mesh.positions.len()];
-        for (triangle, segment) in mesh.triangles.iter().zip(&mesh.segments) {
-            if matches!(segment, Segment::InnerMouth | Segment::EyeSocket) {
-                for &v in triangle {
-                    skin[v as usize] = 0.0;
-                }
-            }
-        }
+        let skin = skin_trust(mesh);
+        let adjacency = Adjacency::from_triangles(mesh.positions.len(), &mesh.triangles);
         Ok(Self {
+            slit: Slit::new(reference, &adjacency),
             reference,
             cage_fit: CageFit::new(reference)?,
-            adjacency: Adjacency::from_triangles(mesh.positions.len(), &mesh.triangles),
+            adjacency,
             flow_trust,
+            face: (mesh.positions.iter().zip(&skin))
+                .map(|(p, skin)| {
+                    let frontal = libm::atan2(p.x, p.z).abs() < 1.15 && p.z > 30.0;
+                    frontal && (-110.0..60.0).contains(&p.y) && *skin > 0.0
+                })
+                .collect(),
             skin,
             areas: vertex_areas(&mesh.positions, &mesh.triangles),
             colors: vertex_colors(reference),
@@ -87,7 +93,7 @@ impl<'a> Template<'a> {
         let normals = mesh.vertex_normals();
         let map = RadialMap::cast(&mesh.positions, &mesh.triangles, grid);
         let visible = visible_vertices(&map, &mesh.positions, VISIBLE_SLACK);
-        let curvature = vertex_curvature(&mesh, &normals, curvature_sigma);
+        let operators = vertex_operators(&mesh, &normals);
         let color = with_color.then(|| {
             Plane::from_fn(grid.width, grid.height, |x, y| {
                 map.interpolate(&mesh.triangles, &self.colors, x, y)
@@ -96,7 +102,8 @@ impl<'a> Template<'a> {
         });
         let attributes = Attributes {
             normals: &normals,
-            curvature: &curvature,
+            operators: &operators,
+            curvature_sigma,
             color: color.as_ref(),
         };
         let trust = |t: u32| {
@@ -106,13 +113,12 @@ impl<'a> Template<'a> {
                 self.flow_trust[t as usize]
             }
         };
-        let image = cylinder_image(&mesh, &map, &attributes, trust, weights);
+        let raw = sample_channels(&mesh, &map, &attributes, trust, weights);
         TemplateView {
             mesh,
             normals,
             visible,
-            image,
-            mean_curvature: curvature.mean,
+            raw,
         }
     }
 }
@@ -122,8 +128,7 @@ pub(crate) struct TemplateView {
     pub(crate) mesh: Mesh,
     pub(crate) normals: Vec<Vector3>,
     pub(crate) visible: Vec<bool>,
-    pub(crate) image: CylinderImage,
-    pub(crate) mean_curvature: Vec<f64>,
+    pub(crate) raw: RawImage,
 }
 
 /// A third of the area of each vertex's triangles, mm^2.
@@ -137,6 +142,29 @@ pub(crate) fn vertex_areas(positions: &[Point3], triangles: &[[u32; 3]]) -> Vec<
         }
     }
     areas
+}
+
+/// How far each vertex may be drawn to a scan: what scans do not show must follow its surroundings.
+fn skin_trust(mesh: &Mesh) -> Vec<f64> {
+    /// Ears: thin, folded, half hidden; the nearest point of a scan is often the wrong side.
+    const EAR: f64 = 0.05;
+    let normals = mesh.vertex_normals();
+    let mut skin = vec![1.0_f64; mesh.positions.len()];
+    for (triangle, segment) in mesh.triangles.iter().zip(&mesh.segments) {
+        for v in triangle.map(|v| v as usize) {
+            let limit = match segment {
+                Segment::InnerMouth | Segment::EyeSocket => 0.0,
+                Segment::LeftEar | Segment::RightEar => EAR,
+                // The faces with which the lips touch each other look up and down: scans show one closed surface.
+                Segment::UpperLip | Segment::LowerLip => {
+                    ((normals[v].z - 0.15) / 0.35).clamp(0.0, 1.0)
+                }
+                _ => 1.0,
+            };
+            skin[v] = skin[v].min(limit);
+        }
+    }
+    skin
 }
 
 fn vertex_colors(reference: &ReferenceHead) -> Vec<Vector3> {

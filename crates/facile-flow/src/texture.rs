@@ -24,12 +24,14 @@ const TONE_SWEEPS: usize = 60;
 /// Darkest linear value in ratios of colours.
 const DARK: f64 = 0.004;
 
-/// Where each texel lies on the fine mesh.
+/// Where each texel lies on the fine mesh, and the mean texture there; the same for every scan.
 pub(crate) struct TexelMap {
     /// Triangle of each texel's centre, or `u32::MAX`.
     triangle: Plane<u32>,
     /// Weights of the second and third corner.
     weights: Plane<[f32; 2]>,
+    /// Linear RGB of the mean texture.
+    mean: Plane<[f32; 3]>,
 }
 
 impl TexelMap {
@@ -40,6 +42,13 @@ impl TexelMap {
         let mut map = Self {
             triangle: Plane::filled(size, size, u32::MAX),
             weights: Plane::filled(size, size, [0.0; 2]),
+            mean: Plane::from_fn(size, size, |x, y| {
+                let uv = [
+                    (x as f32 + 0.5) / size as f32,
+                    1.0 - (y as f32 + 0.5) / size as f32,
+                ];
+                template.reference.texture.sample(uv)
+            }),
         };
         let n = size as f64;
         let mut gap = Plane::filled(size, size, f64::INFINITY);
@@ -90,34 +99,31 @@ fn clamp_to_triangle(v: f64, w: f64, [a, b, c]: [[f64; 2]; 3], at: [f64; 2]) -> 
 /// A colour found on the scan, linear, with trust in `[0, 1]`.
 #[derive(Clone, Copy, Default)]
 struct Found {
-    color: Vector3,
-    trust: f64,
+    color: [f32; 3],
+    trust: f32,
+    /// The triangle of the scan.
+    triangle: u32,
 }
 
-/// Bakes the subject's texture of `size` texels a side; without colour in the scan it is the mean texture.
+/// Bakes the subject's texture; without colour in the scan it is the mean texture. Cost O(texels).
 pub(crate) fn bake(
     template: &Template<'_>,
+    map: &TexelMap,
     scan: &WorkingScan<'_>,
     positions: &[Point3],
-    size: usize,
 ) -> Texture {
-    let map = TexelMap::new(template, size);
-    let reference = template.reference;
+    let (width, height) = (map.mean.width(), map.mean.height());
+    let finish = |rows: Vec<[u8; 3]>| Texture::new(width, height, rows);
     if !scan.has_color() {
-        return resample(&reference.texture, size);
+        return finish(map.mean.as_slice().iter().map(|c| encode(*c)).collect());
     }
     let allowed = allowed_vertices(template);
-    let normals = facile_core::mesh::vertex_normals(positions, &reference.mesh.triangles);
-    let border = crate::adjacency::Adjacency::from_triangles(
-        scan.mesh.positions.len(),
-        &scan.mesh.triangles,
-    )
-    .rings_from_border(2);
+    let normals = facile_core::mesh::vertex_normals(positions, &template.reference.mesh.triangles);
     let lookup = Lookup {
         scan,
-        near_border: &border,
+        near_border: scan.distance_from_border(),
     };
-    // Colours at the vertices give the tone.
+    // Colours at the vertices give the tone, and the texels around them a place to start from.
     let at_vertices: Vec<Found> = (0..positions.len())
         .into_par_iter()
         .map(|v| {
@@ -128,90 +134,99 @@ pub(crate) fn bake(
         })
         .collect();
     let (tone, trust) = tone(template, &at_vertices, &allowed);
-    let rows: Vec<Vec<[u8; 3]>> = (0..size)
-        .into_par_iter()
-        .map(|y| {
-            (0..size)
-                .map(|x| {
-                    let uv = [
-                        (x as f32 + 0.5) / size as f32,
-                        1.0 - (y as f32 + 0.5) / size as f32,
-                    ];
-                    let mean = Vector3::from(reference.texture.sample(uv).map(f64::from));
-                    let t = map.triangle[(x, y)];
-                    if t == u32::MAX {
-                        return encode(mean);
-                    }
-                    let corners = reference.mesh.triangles[t as usize].map(|i| i as usize);
-                    let [v, w] = map.weights[(x, y)].map(f64::from);
-                    let share = [1.0 - v - w, v, w];
-                    let filled = mean.component_mul(&mix(&corners, &share, |i| tone[i]));
-                    let own = mix(&corners, &share, |i| Vector3::repeat(trust[i])).x;
-                    if own <= 0.0 {
-                        return encode(filled);
-                    }
-                    let at = Point3::from(mix(&corners, &share, |i| positions[i].coords));
-                    let normal = mix(&corners, &share, |i| normals[i]);
-                    let found = lookup.find(&at, &normal);
-                    let own = own * found.trust;
-                    encode(filled * (1.0 - own) + found.color * own)
-                })
-                .collect()
-        })
-        .collect();
-    Texture::new(size, size, rows.into_iter().flatten().collect())
+    let tone: Vec<[f32; 3]> = tone.iter().map(|t| t.map(|v| v as f32).into()).collect();
+    let trust: Vec<f32> = trust.iter().map(|t| *t as f32).collect();
+    let mut texels = vec![[0_u8; 3]; width * height];
+    texels
+        .par_chunks_mut(width)
+        .enumerate()
+        .for_each(|(y, row)| {
+            for (x, texel) in row.iter_mut().enumerate() {
+                let mean = map.mean[(x, y)];
+                let t = map.triangle[(x, y)];
+                if t == u32::MAX {
+                    *texel = encode(mean);
+                    continue;
+                }
+                let corners = template.reference.mesh.triangles[t as usize].map(|i| i as usize);
+                let [v, w] = map.weights[(x, y)];
+                let share = [1.0 - v - w, v, w];
+                let own = (0..3).map(|k| share[k] * trust[corners[k]]).sum::<f32>();
+                let filled: [f32; 3] = std::array::from_fn(|c| {
+                    let gain: f32 = (0..3).map(|k| share[k] * tone[corners[k]][c]).sum();
+                    mean[c] * gain
+                });
+                if own <= 0.0 {
+                    *texel = encode(filled);
+                    continue;
+                }
+                let share = share.map(f64::from);
+                let at = mix(&corners, &share, |i| positions[i].coords);
+                let normal = mix(&corners, &share, |i| normals[i]);
+                let start = (0..3)
+                    .filter(|k| at_vertices[corners[*k]].trust > 0.0)
+                    .max_by(|a, b| share[*a].total_cmp(&share[*b]))
+                    .map(|k| at_vertices[corners[k]].triangle);
+                let found = start.map_or_else(Found::default, |start| {
+                    lookup.follow(start, &Point3::from(at), &normal)
+                });
+                let own = own * found.trust;
+                *texel = encode(std::array::from_fn(|c| {
+                    filled[c] * (1.0 - own) + found.color[c] * own
+                }));
+            }
+        });
+    finish(texels)
 }
 
 fn mix(corners: &[usize; 3], share: &[f64; 3], value: impl Fn(usize) -> Vector3) -> Vector3 {
     value(corners[0]) * share[0] + value(corners[1]) * share[1] + value(corners[2]) * share[2]
 }
 
-fn encode(linear: Vector3) -> [u8; 3] {
-    [0, 1, 2].map(|k| srgb8_from_linear(linear[k] as f32))
-}
-
-fn resample(texture: &Texture, size: usize) -> Texture {
-    let texels = (0..size * size)
-        .map(|i| {
-            let (x, y) = (i % size, i / size);
-            let uv = [
-                (x as f32 + 0.5) / size as f32,
-                1.0 - (y as f32 + 0.5) / size as f32,
-            ];
-            texture.sample(uv).map(srgb8_from_linear)
-        })
-        .collect();
-    Texture::new(size, size, texels)
+fn encode(linear: [f32; 3]) -> [u8; 3] {
+    linear.map(srgb8_from_linear)
 }
 
 /// Finds colours on the scan.
 struct Lookup<'a, 'b> {
     scan: &'a WorkingScan<'b>,
     /// `[0, 1]` per scan vertex: 0 on borders, whose texture is often background.
-    near_border: &'a [f64],
+    near_border: Vec<f32>,
 }
 
 impl Lookup<'_, '_> {
+    /// The colour nearest to a point, anywhere on the scan.
     fn find(&self, at: &Point3, normal: &Vector3) -> Found {
         let Some(hit) = self.scan.nearest(at, REACH) else {
             return Found::default();
         };
-        let Some(color) = self.scan.color(hit.triangle, hit.barycentric) else {
+        let distance = (hit.point - at).norm();
+        self.judge(hit.triangle, hit.barycentric, distance, normal)
+    }
+
+    /// The colour nearest to a point on the surface around triangle `start`.
+    fn follow(&self, start: u32, at: &Point3, normal: &Vector3) -> Found {
+        let (triangle, weights, square) = self.scan.neighbors.walk(&self.scan.mesh, start, at);
+        self.judge(triangle, weights, square.sqrt(), normal)
+    }
+
+    fn judge(&self, triangle: u32, weights: [f64; 3], distance: f64, normal: &Vector3) -> Found {
+        let Some(color) = self.scan.color(triangle, weights) else {
             return Found::default();
         };
-        let length = normal.norm().max(1e-12);
-        let same = hit.normal.dot(normal) / length;
-        let corners = self.scan.mesh.triangles[hit.triangle as usize];
+        let corners = self.scan.mesh.triangles[triangle as usize].map(|v| v as usize);
+        let there = mix(&corners, &weights, |v| self.scan.normals[v]);
+        let same = there.dot(normal) / (there.norm() * normal.norm()).max(1e-12);
         let inside: f64 = (0..3)
-            .map(|k| hit.barycentric[k] * self.near_border[corners[k] as usize])
+            .map(|k| weights[k] * f64::from(self.near_border[corners[k]]))
             .sum();
-        let distance = (hit.point - at).norm();
         let ramp = |v: f64| v.clamp(0.0, 1.0);
+        let trust =
+            ramp((same - SAME_SIDE) / 0.2) * ramp((REACH - distance) / (0.5 * REACH)) * inside;
         Found {
-            color: Vector3::from(color.map(f64::from)),
-            trust: ramp((same - SAME_SIDE) / 0.2)
-                * ramp((REACH - distance) / (0.5 * REACH))
-                * inside,
+            color,
+            trust: trust as f32,
+            triangle,
         }
     }
 }
@@ -240,12 +255,15 @@ fn allowed_vertices(template: &Template<'_>) -> Vec<f64> {
 /// Ratio of the scan's to the mean colour at every vertex, smooth, and the trust in the scan's colour, smooth.
 fn tone(template: &Template<'_>, found: &[Found], allowed: &[f64]) -> (Vec<Vector3>, Vec<f64>) {
     let n = found.len();
-    let known: Vec<f64> = (0..n).map(|v| found[v].trust * allowed[v]).collect();
+    let known: Vec<f64> = (0..n)
+        .map(|v| f64::from(found[v].trust) * allowed[v])
+        .collect();
     let log_ratio: Vec<Vector3> = (0..n)
         .map(|v| {
             let (own, mean) = (found[v].color, template.colors[v]);
             Vector3::from_fn(|k, _| {
-                libm::log((own[k].max(0.0) + DARK) / (mean[k].max(0.0) + DARK)).clamp(-2.5, 2.5)
+                let own = f64::from(own[k].max(0.0));
+                libm::log((own + DARK) / (mean[k].max(0.0) + DARK)).clamp(-2.5, 2.5)
             })
         })
         .collect();

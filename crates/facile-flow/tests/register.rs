@@ -103,26 +103,10 @@ fn the_reference_registers_to_itself() {
         .register(&scan(face(reference, |p| p)))
         .expect("a face");
     let (mean, worst) = errors(reference, &found, |p| p);
-    assert!(mean < 0.9, "mean {mean}, worst {worst}");
-    assert!(
-        (found.report.size - 1.0).abs() < 0.1,
-        "{}",
-        found.report.size
-    );
-    assert!(found.report.unit_is_known);
-}
-
-#[test]
-#[ignore = "open: ears and lips still slide, mean 0.76 mm, worst 14 mm, some triangles fold, size off by 6 %"]
-fn the_reference_registers_to_itself_exactly() {
-    let reference = ReferenceHead::embedded();
-    let registrar = Registrar::new(reference, params()).expect("registrar");
-    let found = registrar
-        .register(&scan(face(reference, |p| p)))
-        .expect("a face");
-    let (mean, worst) = errors(reference, &found, |p| p);
     assert!(mean < 0.05 && worst < 1.0, "mean {mean}, worst {worst}");
-    assert!((found.report.size - 1.0).abs() < 0.001);
+    let size = found.report.size;
+    assert!((size - 1.0).abs() < 0.002, "size {size}");
+    assert!(found.report.unit_is_known);
     assert_eq!(found.report.folded_triangles, 0);
 }
 

@@ -3,7 +3,32 @@
 use facile_core::{Point3, Similarity3, UnitQuaternion, Vector3};
 use nalgebra::{SMatrix, SVector, Translation3};
 
+use super::cubes::Cubes;
 use crate::surface::Surface;
+
+/// What a pose can be refined against: a surface, or its even points where speed counts.
+pub(crate) trait Target {
+    /// A point of the surface near `p`, and the unit normal there; `None` if it is further than `reach` mm.
+    fn nearest(&self, p: &Point3, reach: f64) -> Option<(Point3, Vector3)>;
+}
+
+impl Target for Surface {
+    fn nearest(&self, p: &Point3, reach: f64) -> Option<(Point3, Vector3)> {
+        let hit = Surface::nearest(self, p, reach)?;
+        Some((hit.point, self.normal(&hit)))
+    }
+}
+
+impl Target for Cubes {
+    fn nearest(&self, p: &Point3, reach: f64) -> Option<(Point3, Vector3)> {
+        let (point, normal) = Cubes::nearest(self, p)?;
+        // The foot on the point's plane: the points are too sparse to be distances.
+        let foot = p - normal * normal.dot(&(p - point));
+        let near = (foot - point).norm() < 2.0 * super::cubes::SIDE;
+        let point = if near { foot } else { point };
+        ((point - p).norm() <= reach).then_some((point, normal))
+    }
+}
 
 /// Points of the reference's face with normals, reference frame.
 pub(crate) struct FacePoints {
@@ -31,7 +56,13 @@ pub(crate) struct PoseScore {
     pub(crate) coverage: f64,
     /// Root of the mean squared distance, missing points counting [`REACH`], mm.
     pub(crate) rms: f64,
+    /// What poses are compared by: the squared distance plus what the normals say, mm^2. Distances alone let a face
+    /// slide along itself.
+    pub(crate) cost: f64,
 }
+
+/// Squared distance that normals at right angles weigh as much as, mm^2.
+const NORMAL_COST: f64 = 150.0;
 
 /// Surface further away than this does not count as the same place, mm.
 pub(crate) const REACH: f64 = 12.0;
@@ -46,46 +77,56 @@ struct Pair {
     to: Point3,
     normal: Vector3,
     distance: f64,
+    /// Of the angle between the two normals.
+    cosine: f64,
 }
 
 fn pairs(
     face: &FacePoints,
-    scan: &Surface,
+    scan: &impl Target,
     pose: &Similarity3,
     reach: f64,
 ) -> impl Iterator<Item = Option<Pair>> {
     (face.points.iter()).zip(&face.normals).map(move |(p, n)| {
         let from = pose * p;
-        let hit = scan.nearest(&from, reach)?;
-        let normal = scan.normal(&hit);
-        if normal.dot(&(pose.isometry.rotation * n)) < 0.5 {
+        let (to, normal) = scan.nearest(&from, reach)?;
+        let cosine = normal.dot(&(pose.isometry.rotation * n));
+        if cosine < 0.5 {
             return None;
         }
-        let distance = (hit.point - from).norm();
+        let distance = (to - from).norm();
         Some(Pair {
             from,
-            to: hit.point,
+            to,
             normal,
             distance,
+            cosine,
         })
     })
 }
 
-/// Scores a pose. Cost O(n log m).
-pub(crate) fn score(face: &FacePoints, scan: &Surface, pose: &Similarity3) -> PoseScore {
-    let (mut found, mut square, mut total) = (0.0, 0.0, 0.0);
-    for pair in pairs(face, scan, pose, REACH) {
+/// Scores a pose; points without surface within `reach` mm count as that far. Cost O(n log m).
+pub(crate) fn score(
+    face: &FacePoints,
+    scan: &impl Target,
+    pose: &Similarity3,
+    reach: f64,
+) -> PoseScore {
+    let (mut found, mut square, mut total, mut turned) = (0.0, 0.0, 0.0, 0.0);
+    for pair in pairs(face, scan, pose, reach) {
         total += 1.0;
-        let distance = pair.map_or(REACH, |p| {
+        let (distance, cosine) = pair.map_or((reach, 0.5), |p| {
             found += 1.0;
-            p.distance
+            (p.distance, p.cosine)
         });
         square += distance * distance;
+        turned += 1.0 - cosine;
     }
     let total = f64::max(total, 1.0);
     PoseScore {
         coverage: found / total,
         rms: (square / total).sqrt(),
+        cost: (square + NORMAL_COST * turned) / total,
     }
 }
 
@@ -95,7 +136,7 @@ pub(crate) fn score(face: &FacePoints, scan: &Surface, pose: &Similarity3) -> Po
 /// Source: Chen and Medioni 1992 (planes); Chetverikov et al. 2002 (trimming).
 pub(crate) fn refine(
     face: &FacePoints,
-    scan: &Surface,
+    scan: &impl Target,
     mut pose: Similarity3,
     iterations: usize,
     reach: f64,

@@ -4,16 +4,18 @@
 //! rotations, and the reference's face is fitted to the scan by trimmed iterative closest point, in stages that keep
 //! only the best. The scan must be roughly upright and face `+z` within 45 degrees.
 
+mod cubes;
 mod icp;
 mod nose;
 
+use facile_core::math::fit_similarity;
 use facile_core::{Mesh, Point3, ReferenceHead, Segment, Similarity3, UnitQuaternion, Vector3};
 use nalgebra::Translation3;
 use serde::{Deserialize, Serialize};
 
 use crate::FlowError;
 use crate::radial_map::{CylinderGrid, RadialMap, visible_vertices};
-use crate::surface::Surface;
+use cubes::Cubes;
 use icp::{FacePoints, PoseScore};
 
 /// Limits of the search for the face.
@@ -73,18 +75,77 @@ struct Start {
     score: PoseScore,
 }
 
+/// The reference's face as the search knows it; made once for many scans.
+pub(crate) struct FaceModel {
+    points: FacePoints,
+    nose: Point3,
+    nose_normal: Vector3,
+}
+
+impl FaceModel {
+    /// Even points of the reference's face and its nose.
+    pub(crate) fn new(reference: &ReferenceHead) -> Self {
+        let (nose, nose_normal) = reference_nose(reference);
+        Self {
+            points: face_points(reference),
+            nose,
+            nose_normal,
+        }
+    }
+}
+
+/// The pose that landmarks on the reference (mm) and on the scan give. The unit is the listed one nearest to the size
+/// they show, if that is within a quarter; else it is unknown.
+///
+/// # Errors
+/// [`FlowError::Landmarks`] if they lie on one line.
+pub(crate) fn pose_from_landmarks(
+    on_reference: &[Point3],
+    on_scan: &[Point3],
+    params: &NormaliseParams,
+) -> Result<Pose, FlowError> {
+    let weights = vec![1.0; on_scan.len()];
+    let fit = fit_similarity(on_reference, on_scan, &weights)
+        .filter(|fit| fit.scaling() > 1e-9)
+        .ok_or_else(|| FlowError::Landmarks {
+            reason: "they do not determine a pose".to_owned(),
+        })?;
+    let unit = 1.0 / fit.scaling();
+    let nearest = UNITS
+        .into_iter()
+        .find(|u| (0.75..1.33).contains(&(unit / u)));
+    let unit_mm = params.unit_mm.or(nearest).unwrap_or(unit);
+    // Scan (in that unit, mm) from reference.
+    let pose = Similarity3::from_parts(
+        Translation3::from(fit.isometry.translation.vector * unit_mm),
+        fit.isometry.rotation,
+        fit.scaling() * unit_mm,
+    );
+    let score = PoseScore {
+        coverage: 1.0,
+        rms: 0.0,
+        cost: 0.0,
+    };
+    Ok(pose_from_start(
+        &Start {
+            pose,
+            unit_mm,
+            score,
+        },
+        params,
+    ))
+}
+
 /// Finds the face of `mesh` (any unit, with unit vertex `normals`).
 ///
 /// # Errors
 /// [`FlowError::NoFace`] with the measure that failed.
-pub fn find_face(
-    reference: &ReferenceHead,
+pub(crate) fn find_face(
+    face: &FaceModel,
     mesh: &Mesh,
     normals: &[Vector3],
     params: &NormaliseParams,
 ) -> Result<Pose, FlowError> {
-    let face = face_points(reference);
-    let (nose, nose_normal) = reference_nose(reference);
     let diagonal = robust_diagonal(mesh);
     let mut units: Vec<f64> = match params.unit_mm {
         Some(unit) => vec![unit],
@@ -98,20 +159,9 @@ pub fn find_face(
     }
     let mut best: Option<Start> = None;
     for unit_mm in units {
-        let scaled = scaled(mesh, unit_mm);
-        let Some(surface) = Surface::new(&scaled, normals.to_vec()) else {
-            continue;
-        };
-        let found = search(
-            &face,
-            &scaled,
-            normals,
-            &surface,
-            (nose, nose_normal),
-            params,
-        );
-        for (pose, score) in found {
-            if best.is_none_or(|b| score.rms < b.score.rms) {
+        let surface = Cubes::new(mesh, normals, unit_mm);
+        for (pose, score) in search(face, &surface, params) {
+            if best.is_none_or(|b| score.cost < b.score.cost) {
                 best = Some(Start {
                     pose,
                     unit_mm,
@@ -180,49 +230,51 @@ fn pose_from_start(best: &Start, params: &NormaliseParams) -> Pose {
     }
 }
 
-/// Tries nose candidates and rotations in three stages; returns the last stage's poses with their scores.
+/// Tries nose candidates and rotations in stages; returns the last stage's poses with their scores.
 fn search(
-    face: &FacePoints,
-    mesh: &Mesh,
-    normals: &[Vector3],
-    surface: &Surface,
-    (nose, nose_normal): (Point3, Vector3),
+    face: &FaceModel,
+    surface: &Cubes,
     params: &NormaliseParams,
 ) -> Vec<(Similarity3, PoseScore)> {
-    let rotations = rotation_grid(params.max_angle);
     let mut starts: Vec<Similarity3> = Vec::new();
-    for tip in nose::tips(mesh, normals, 1.0, 8) {
-        for rotation in &rotations {
-            if (rotation * nose_normal).dot(&tip.normal) < 0.75 {
+    for tip in nose::tips(surface, 8) {
+        for rotation in rotation_grid(params.max_angle) {
+            if (rotation * face.nose_normal).dot(&tip.normal) < 0.8 {
                 continue;
             }
-            let shift = tip.point.coords - rotation * nose.coords;
+            let shift = tip.point.coords - rotation * face.nose.coords;
             starts.push(Similarity3::from_parts(
                 Translation3::from(shift),
-                *rotation,
+                rotation,
                 1.0,
             ));
         }
     }
     // Stages: points of the face, iterations, reach (mm), poses kept.
-    let stages = [(120, 5, 40.0, 10), (300, 12, 25.0, 3), (1000, 20, 15.0, 3)];
+    let stages = [
+        (60, 0, 40.0, 60),
+        (120, 6, 40.0, 10),
+        (300, 12, 25.0, 4),
+        (1000, 15, 15.0, 2),
+    ];
     let mut scored: Vec<(Similarity3, PoseScore)> = Vec::new();
     for (count, iterations, reach, kept) in stages {
-        let points = face.thinned(count);
+        let points = face.points.thinned(count);
         let poses: Vec<Similarity3> = if scored.is_empty() {
             std::mem::take(&mut starts)
         } else {
             scored.iter().map(|s| s.0).collect()
         };
+        let far = if iterations == 0 { reach } else { icp::REACH };
         scored = poses
             .into_iter()
             .map(|pose| {
                 let refined = icp::refine(&points, surface, pose, iterations, reach);
-                (refined, icp::score(&points, surface, &refined))
+                (refined, icp::score(&points, surface, &refined, far))
             })
             .collect();
-        scored.sort_by(|a, b| a.1.rms.total_cmp(&b.1.rms));
-        scored = distinct(&scored, nose, kept);
+        scored.sort_by(|a, b| a.1.cost.total_cmp(&b.1.cost));
+        scored = distinct(&scored, face.nose, kept);
     }
     scored
 }
@@ -247,11 +299,11 @@ fn distinct(
     kept
 }
 
-/// Yaw, pitch and roll on a grid of about 25 degrees.
+/// Yaw, pitch and roll on a grid of about 15 degrees.
 fn rotation_grid(max_angle: f64) -> Vec<UnitQuaternion> {
-    let steps = (max_angle / 0.45).ceil().max(1.0) as i32;
+    let steps = (max_angle / 0.28).ceil().max(1.0) as i32;
     let angles: Vec<f64> = (-steps..=steps)
-        .map(|k| f64::from(k) * max_angle / f64::from(steps) * 0.8)
+        .map(|k| f64::from(k) * max_angle / f64::from(steps))
         .collect();
     let mut rotations = Vec::new();
     for &yaw in &angles {
@@ -318,7 +370,7 @@ fn reference_nose(reference: &ReferenceHead) -> (Point3, Vector3) {
         .copied()
         .max_by(|a, b| a.z.total_cmp(&b.z))
         .unwrap_or_else(Point3::origin);
-    nose::tips(mesh, &mesh.vertex_normals(), 1.0, 8)
+    nose::tips(&Cubes::new(mesh, &mesh.vertex_normals(), 1.0), 8)
         .into_iter()
         .min_by(|a, b| {
             (a.point - front)
@@ -348,16 +400,4 @@ fn robust_diagonal(mesh: &Mesh) -> f64 {
         values[n - 1 - n / 50] - values[n / 50]
     };
     Vector3::new(spread(0), spread(1), spread(2)).norm()
-}
-
-fn scaled(mesh: &Mesh, scale: f64) -> Mesh {
-    Mesh {
-        positions: mesh
-            .positions
-            .iter()
-            .map(|p| Point3::from(p.coords * scale))
-            .collect(),
-        triangles: mesh.triangles.clone(),
-        ..Mesh::default()
-    }
 }

@@ -1,0 +1,118 @@
+//! Registration error on people of the identity model, whose truth is known at every vertex.
+//!
+//! `known_scans [--people N] [--color true|false] [--noise MM] [--holes SHARE] [--params FILE.json]...` prints the mean, median and 95th percentile of
+//! the distance between registered and true vertices of the face, the rank correlation of expected and true error,
+//! and the time of each stage.
+
+use std::error::Error;
+
+use facile_core::{IdentityModel, ReferenceHead};
+use facile_flow::synthetic::{Scanner, errors, face_vertices, scan_of, skin_vertices};
+use facile_flow::{Registrar, RegistrationParams};
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let mut args = std::env::args().skip(1);
+    let (mut people, mut scanner, mut variants) = (6, Scanner::default(), Vec::new());
+    while let (Some(key), Some(value)) = (args.next(), args.next()) {
+        match key.as_str() {
+            "--people" => people = value.parse()?,
+            "--color" => scanner.with_color = value.parse()?,
+            "--noise" => scanner.noise_mm = value.parse()?,
+            "--holes" => scanner.holes = value.parse()?,
+            "--cell" => scanner.cell_mm = value.parse()?,
+            "--params" => {
+                let params = serde_json::from_str(&std::fs::read_to_string(&value)?)?;
+                variants.push((value, params));
+            }
+            _ => return Err(format!("unknown option {key}").into()),
+        }
+    }
+    if variants.is_empty() {
+        variants.push(("defaults".to_owned(), RegistrationParams::default()));
+    }
+    let (reference, model) = (ReferenceHead::embedded(), IdentityModel::embedded());
+    let mut scans = Vec::new();
+    for k in 0..people {
+        let subject = model.sample(reference, 77, k)?;
+        let scanner = Scanner { seed: k, ..scanner };
+        scans.push(scan_of(reference, &subject, &scanner));
+    }
+    let (face, skin) = (face_vertices(reference), skin_vertices(reference));
+    for (name, params) in variants {
+        let registrar = Registrar::new(reference, params)?;
+        let (mut true_errors, mut expected, mut folded) = (Vec::new(), Vec::new(), 0);
+        let (mut true_skin, mut expected_skin) = (Vec::new(), Vec::new());
+        let mut stages = Vec::<(&str, f64)>::new();
+        for known in &scans {
+            let found = registrar.register(&known.scan)?;
+            for (k, time) in found.times.iter().enumerate() {
+                match stages.get_mut(k) {
+                    Some(stage) => stage.1 += time.seconds,
+                    None => stages.push((time.stage, time.seconds)),
+                }
+            }
+            folded += found.report.folded_triangles;
+            let all = errors(known, &found, &face);
+            let r = &found.report;
+            eprintln!(
+                "  {}: mean {:.3} mm, size {:.3}, rigid {:.2} mm, curvature {:.2}",
+                known.scan.name,
+                all.iter().sum::<f64>() / all.len() as f64,
+                r.size,
+                r.rigid_distance_mm,
+                r.curvature_correlation
+            );
+            let guess = |v: &usize| f64::from(found.subject.expected_error[*v]);
+            true_errors.extend(all);
+            expected.extend(face.iter().map(guess));
+            true_skin.extend(errors(known, &found, &skin));
+            expected_skin.extend(skin.iter().map(guess));
+        }
+        let n = scans.len() as f64;
+        let mut sorted = true_errors.clone();
+        sorted.sort_unstable_by(f64::total_cmp);
+        let quantile = |q: f64| sorted[((sorted.len() - 1) as f64 * q) as usize];
+        eprint!(
+            "{name}: {} triangles; mean {:.3} median {:.3} p95 {:.3} max {:.2} mm; expected {:.3}, rank correlation {:.2}; all skin {:.2} mm, expected {:.2}, rank correlation {:.2}; folded {:.1}; {:.2} s:",
+            scans[0].scan.mesh.triangles.len(),
+            mean(&sorted),
+            quantile(0.5),
+            quantile(0.95),
+            quantile(1.0),
+            mean(&expected),
+            spearman(&true_errors, &expected),
+            mean(&true_skin),
+            mean(&expected_skin),
+            spearman(&true_skin, &expected_skin),
+            folded as f64 / n,
+            stages.iter().map(|s| s.1).sum::<f64>() / n
+        );
+        for (stage, sum) in stages {
+            eprint!(" {stage} {:.3}", sum / n);
+        }
+        eprintln!();
+    }
+    Ok(())
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+/// Rank correlation.
+fn spearman(a: &[f64], b: &[f64]) -> f64 {
+    let ranks = |values: &[f64]| {
+        let mut order: Vec<usize> = (0..values.len()).collect();
+        order.sort_by(|i, j| values[*i].total_cmp(&values[*j]));
+        let mut rank = vec![0.0; values.len()];
+        for (r, i) in order.into_iter().enumerate() {
+            rank[i] = r as f64;
+        }
+        rank
+    };
+    let (x, y) = (ranks(a), ranks(b));
+    let mean = (a.len() as f64 - 1.0) / 2.0;
+    let covariance: f64 = x.iter().zip(&y).map(|(p, q)| (p - mean) * (q - mean)).sum();
+    let variance: f64 = x.iter().map(|p| (p - mean).powi(2)).sum();
+    covariance / variance
+}

@@ -1,0 +1,144 @@
+//! Closes the mouth: the two sides of the slit between the lips keep the distance they have on the reference.
+//!
+//! A scan of a closed mouth shows one surface and no slit. Drawn to it, upper and lower lip part or cross by parts of
+//! a millimetre, and the teeth show. Each vertex of the slit and its partner across share the correction, which runs
+//! out smoothly over the lips.
+
+use facile_core::{Point3, ReferenceHead, Segment, Vector3};
+
+use crate::adjacency::Adjacency;
+
+/// Vertices of the two lips closer than this on the reference touch, mm.
+const TOUCHING: f64 = 1.5;
+/// Rings of fine vertices over which the correction runs out.
+const RINGS: u32 = 5;
+/// Sweeps that smooth the correction between the slit and the last ring.
+const SWEEPS: usize = 20;
+
+/// The slit of one reference.
+pub(crate) struct Slit {
+    /// Each vertex of the slit with its partner across.
+    pairs: Vec<(u32, u32)>,
+    /// Vertices around the slit that follow, by index; and whether each belongs to the slit.
+    around: Vec<(u32, bool)>,
+}
+
+impl Slit {
+    /// Finds the vertices of the lips that touch on the reference. Cost O(n^2) in the vertices of the lips.
+    pub(crate) fn new(reference: &ReferenceHead, adjacency: &Adjacency) -> Self {
+        let mesh = &reference.mesh;
+        let mut upper = vec![false; mesh.positions.len()];
+        let mut lower = vec![false; mesh.positions.len()];
+        for (t, s) in mesh.triangles.iter().zip(&mesh.segments) {
+            for &v in t {
+                match s {
+                    Segment::UpperLip => upper[v as usize] = true,
+                    Segment::LowerLip => lower[v as usize] = true,
+                    _ => {}
+                }
+            }
+        }
+        let list = |on: &[bool], off: &[bool]| -> Vec<usize> {
+            (0..on.len()).filter(|&v| on[v] && !off[v]).collect()
+        };
+        let (upper, lower) = (list(&upper, &lower), list(&lower, &upper));
+        let normals = mesh.vertex_normals();
+        let mut pairs = Vec::new();
+        for (from, to, up) in [(&upper, &lower, -1.0), (&lower, &upper, 1.0)] {
+            for &v in from {
+                let p = mesh.positions[v];
+                let nearest = to
+                    .iter()
+                    .map(|&u| ((mesh.positions[u] - p).norm(), u))
+                    .min_by(|a, b| a.0.total_cmp(&b.0));
+                // The side that faces the other lip.
+                let faces = up * normals[v].y > 0.2;
+                if let Some((distance, u)) = nearest
+                    && distance < TOUCHING
+                    && faces
+                {
+                    pairs.push((v as u32, u as u32));
+                }
+            }
+        }
+        let mut on_slit = vec![false; mesh.positions.len()];
+        for &(a, _) in &pairs {
+            on_slit[a as usize] = true;
+        }
+        let seeds = (0..on_slit.len()).filter(|v| on_slit[*v]);
+        let rings = adjacency.rings_from(seeds, RINGS);
+        let around = (0..on_slit.len())
+            .filter(|v| rings[*v] <= RINGS)
+            .map(|v| (v as u32, on_slit[v]))
+            .collect();
+        Self { pairs, around }
+    }
+
+    /// Moves the lips together. `size` is the head's against the reference's.
+    pub(crate) fn close(
+        &self,
+        reference: &ReferenceHead,
+        adjacency: &Adjacency,
+        positions: &mut [Point3],
+        size: f64,
+    ) {
+        let rest = &reference.mesh.positions;
+        let mut shift = vec![Vector3::zeros(); positions.len()];
+        for &(a, b) in &self.pairs {
+            let (a, b) = (a as usize, b as usize);
+            let wrong = (positions[a] - positions[b]) - (rest[a] - rest[b]) * size;
+            shift[a] = -0.5 * wrong;
+        }
+        for _ in 0..SWEEPS {
+            for &(v, on_slit) in &self.around {
+                let neighbors = adjacency.of(v as usize);
+                let sum = (neighbors.iter()).fold(Vector3::zeros(), |s, u| s + shift[*u as usize]);
+                let mean = sum / neighbors.len().max(1) as f64;
+                // The slit keeps most of its own; the last ring's neighbours outside hold still.
+                shift[v as usize] = if on_slit {
+                    shift[v as usize] * 0.8 + mean * 0.2
+                } else {
+                    mean
+                };
+            }
+        }
+        for &(v, _) in &self.around {
+            positions[v as usize] += shift[v as usize];
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parted_lips_close_and_closed_ones_stay() {
+        let reference = ReferenceHead::embedded();
+        let mesh = &reference.mesh;
+        let adjacency = Adjacency::from_triangles(mesh.positions.len(), &mesh.triangles);
+        let slit = Slit::new(reference, &adjacency);
+        assert!(slit.pairs.len() > 40, "{} pairs", slit.pairs.len());
+        let mut closed = mesh.positions.clone();
+        slit.close(reference, &adjacency, &mut closed, 1.0);
+        assert_eq!(closed, mesh.positions);
+        let mut parted = mesh.positions.clone();
+        for (t, s) in mesh.triangles.iter().zip(&mesh.segments) {
+            if *s == Segment::UpperLip {
+                for &v in t {
+                    parted[v as usize].y = mesh.positions[v as usize].y + 1.2;
+                }
+            }
+        }
+        for _ in 0..3 {
+            slit.close(reference, &adjacency, &mut parted, 1.0);
+        }
+        let worst = (slit.pairs.iter())
+            .map(|&(a, b)| {
+                let rest = mesh.positions[a as usize] - mesh.positions[b as usize];
+                ((parted[a as usize] - parted[b as usize]) - rest).norm()
+            })
+            .fold(0.0, f64::max);
+        assert!(worst < 0.5, "{worst} mm");
+    }
+}
