@@ -107,7 +107,7 @@ impl Axis {
 ///
 /// # Panics
 /// Never: SVG takes any shape.
-pub fn plot(plot: &Plot) -> String {
+pub(super) fn plot(plot: &Plot) -> String {
     let mut svg = String::new();
     draw(plot, &mut svg).expect("SVG takes any shape");
     svg
@@ -148,7 +148,10 @@ fn draw(plot: &Plot, svg: &mut String) -> Drawn {
     for (k, (curve, points)) in plot.curves.iter().zip(&places).enumerate() {
         let color = COLORS[k % COLORS.len()];
         chart
-            .draw_series(LineSeries::new(points.iter().copied(), color.stroke_width(2)))?
+            .draw_series(LineSeries::new(
+                points.iter().copied(),
+                color.stroke_width(2),
+            ))?
             .label(&curve.name)
             .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], color.stroke_width(2)));
         chart.draw_series(points.iter().map(|p| Circle::new(*p, 3, color.filled())))?;

@@ -12,14 +12,19 @@ use crate::verify::verify;
 /// A recipe whose factors share what the paper's example shares: sampled subjects, moved faces, several views and lights.
 fn recipe(case: &Case) -> Result<Recipe, Error> {
     let yaws: Vec<String> = (0..case.views)
-        .map(|k| format!("{}", -40.0 + 80.0 * (f64::from(k) + 0.5) / f64::from(case.views)))
+        .map(|k| {
+            format!(
+                "{}",
+                -40.0 + 80.0 * (f64::from(k) + 0.5) / f64::from(case.views)
+            )
+        })
         .collect();
     let lights: String = (0..case.lights)
         .map(|k| {
             format!(
                 "[[light]]\nname = \"l{k}\"\nsources = [{{ kind = \"point\", position = [{}, 250, 700] }}, \
                  {{ kind = \"ambient\", intensity = 0.2 }}]\n",
-                -500 + 200 * k
+                -500 + 200 * i64::from(k)
             )
         })
         .collect();
@@ -59,7 +64,14 @@ const BASE: Case = Case {
 /// [`Error::Io`] if the scratch folder cannot be written.
 pub fn engine(effort: Effort) -> Result<Findings, Error> {
     let mut table = Table::new(&[
-        "size_px", "threads", "subjects", "views", "lights", "images", "seconds", "images_per_s",
+        "size_px",
+        "threads",
+        "subjects",
+        "views",
+        "lights",
+        "images",
+        "seconds",
+        "images_per_s",
     ]);
     let all = std::thread::available_parallelism().map_or(1, usize::from);
     let small = Case {
@@ -72,7 +84,10 @@ pub fn engine(effort: Effort) -> Result<Findings, Error> {
     if effort == Effort::Full {
         cases.extend([24, 64, 128, 512].map(|size| Case { size, ..BASE }));
         cases.extend([2, all].map(|threads| Case { threads, ..BASE }));
-        cases.push(Case { subjects: 8, ..BASE });
+        cases.push(Case {
+            subjects: 8,
+            ..BASE
+        });
         cases.push(Case { views: 36, ..BASE });
         cases.push(Case { lights: 20, ..BASE });
         cases.push(Case { lights: 1, ..BASE });

@@ -2,9 +2,9 @@
 
 use facile_core::ReferenceHead;
 use facile_core::identity::IdentityModel;
-use facile_sim::{
-    ExpressionSet, FaceRig, MuscleSet, SolverKind, WorkPrecision, stress, work_precision,
-};
+use facile_sim::stress::stress;
+use facile_sim::work_precision::{WorkPrecision, work_precision};
+use facile_sim::{ExpressionSet, FaceRig, MuscleSet, SolverKind};
 
 use super::{Axis, Curve, Effort, Findings, Plot, Table};
 use crate::Error;
@@ -30,10 +30,21 @@ pub fn sim(effort: Effort) -> Result<Findings, Error> {
     let model = rig.model(reference, &subject)?;
     let solvers = effort.of(&SOLVERS[..1], &SOLVERS[..]);
     let tolerances = effort.of(&[1e-2, 1e-4][..], &[1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6][..]);
-    let mut table = Table::new(&["pose", "solver", "start", "tolerance", "ms", "iterations", "error_mm"]);
+    let mut table = Table::new(&[
+        "pose",
+        "solver",
+        "start",
+        "tolerance",
+        "ms",
+        "iterations",
+        "error_mm",
+    ]);
     let mut plots = Vec::new();
     for (pose_name, intensity, file) in POSES {
-        let pose = ExpressionSet::embedded().get(pose_name)?.pose(muscles)?.scaled(intensity);
+        let pose = ExpressionSet::embedded()
+            .get(pose_name)?
+            .pose(muscles)?
+            .scaled(intensity);
         let kinds: Vec<SolverKind> = solvers.iter().map(|s| s.0).collect();
         let rows = work_precision(&model, &pose, &kinds, tolerances, effort.of(1, 5))?;
         let mut curves: Vec<Curve> = Vec::new();
@@ -61,7 +72,9 @@ pub fn sim(effort: Effort) -> Result<Findings, Error> {
         plots.push((
             file,
             Plot {
-                title: format!("{pose_name} at {intensity}: largest distance of a node from the equilibrium"),
+                title: format!(
+                    "{pose_name} at {intensity}: largest distance of a node from the equilibrium"
+                ),
                 x: Axis::logarithmic("time, ms"),
                 y: Axis::logarithmic("error, mm"),
                 curves,
@@ -79,7 +92,10 @@ pub fn sim(effort: Effort) -> Result<Findings, Error> {
 
 /// Solver and start of a row.
 fn curve_name(row: &WorkPrecision) -> (&'static str, &'static str) {
-    let solver = SOLVERS.iter().find(|s| s.0 == row.solver).map_or("?", |s| s.1);
+    let solver = SOLVERS
+        .iter()
+        .find(|s| s.0 == row.solver)
+        .map_or("?", |s| s.1);
     (solver, if row.warm { "warm" } else { "cold" })
 }
 

@@ -85,9 +85,19 @@ impl Table {
     /// The table in columns of equal width.
     pub fn to_text(&self) -> String {
         let mut lines = vec![self.columns.iter().map(|c| (*c).to_owned()).collect()];
-        lines.extend(self.rows.iter().map(|r| r.iter().map(Field::text).collect()));
+        lines.extend(
+            self.rows
+                .iter()
+                .map(|r| r.iter().map(Field::text).collect()),
+        );
         let lines: Vec<Vec<String>> = lines;
-        let width = |k: usize| lines.iter().map(|l| l[k].chars().count()).max().unwrap_or(0);
+        let width = |k: usize| {
+            lines
+                .iter()
+                .map(|l| l[k].chars().count())
+                .max()
+                .unwrap_or(0)
+        };
         let widths: Vec<usize> = (0..self.columns.len()).map(width).collect();
         let mut text = String::new();
         for line in &lines {
@@ -119,10 +129,10 @@ mod tests {
         table.push(vec!["a, b".into(), 12.345_67.into()]);
         table.push(vec!["c".into(), f64::NAN.into()]);
         table.push(vec!["d".into(), 1e-7.into()]);
+        assert_eq!(table.to_csv(), "what,ms\n\"a, b\",12.35\nc,-\nd,1.00e-7\n");
         assert_eq!(
-            table.to_csv(),
-            "what,ms\n\"a, b\",12.35\nc,-\nd,1.00e-7\n"
+            table.to_text(),
+            "what  ms\na, b  12.35\nc     -\nd     1.00e-7\n"
         );
-        assert_eq!(table.to_text(), "what  ms\na, b  12.35\nc     -\nd     1.00e-7\n");
     }
 }

@@ -108,9 +108,7 @@ impl Dataset {
     }
 
     /// Pickles as its recipe: worker processes make their own.
-    fn __reduce__<'py>(
-        slf: &Bound<'py, Self>,
-    ) -> (Bound<'py, PyType>, (Bound<'py, PyAny>,)) {
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> (Bound<'py, PyType>, (Bound<'py, PyAny>,)) {
         let source = slf.get().source.bind(slf.py()).clone();
         (slf.get_type(), (source,))
     }
