@@ -16,6 +16,7 @@ use rayon::prelude::*;
 use crate::Error;
 use crate::recipe::file::Format;
 
+use super::card::{CARD, CROISSANT, Tally};
 use super::coco::{COCO, write_coco};
 use super::journal::{FileEntry, Journal};
 use super::manifest::{Failure, MANIFEST, Manifest};
@@ -133,19 +134,28 @@ impl Folder {
                 .iter()
                 .filter_map(|(u, _)| read_journal(&self.root, *u))
         };
+        let mut tally = Tally::default();
         let mut written = 0;
         let mut failures = Vec::new();
         let annotations = self.place(ANNOTATIONS, |file| {
             for journal in journals() {
                 for record in &journal.records {
                     writeln!(file, "{record}")?;
+                    tally.add(record);
                 }
                 written += journal.records.len() as u64;
                 failures.extend(journal.failures);
             }
             Ok(())
         })?;
+        failures.sort();
+        let failed: u64 = failures.iter().map(|f: &Failure| f.samples).sum();
+        let card = tally.card(&self.manifest, failed);
+        let croissant = tally.croissant(&self.manifest, &annotations);
+        let croissant = serde_json::to_string_pretty(&croissant).expect("plain JSON") + "\n";
         let mut listed = vec![annotations];
+        listed.push(self.write(CARD, card.as_bytes())?);
+        listed.push(self.write(CROISSANT, croissant.as_bytes())?);
         if self.manifest.coco {
             listed.push(self.place(COCO, |file| {
                 write_coco(file, &self.manifest.recipe, journals)
@@ -160,8 +170,6 @@ impl Folder {
             }
             Ok(())
         })?;
-        failures.sort();
-        let failed: u64 = failures.iter().map(|f| f.samples).sum();
         let manifest = Manifest {
             written,
             complete: self.manifest.part.is_none() && written + failed == self.manifest.samples,
@@ -338,6 +346,8 @@ fn occupied(root: &Path, manifest: &Manifest) -> Result<Option<String>, Error> {
 fn remove_dataset(root: &Path) -> Result<(), Error> {
     let mut names: Vec<String> = super::MAP_FOLDERS.iter().map(|f| (*f).to_owned()).collect();
     let others = [
+        CARD,
+        CROISSANT,
         super::IMAGES,
         super::WEBDATASET,
         ANNOTATIONS,

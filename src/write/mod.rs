@@ -1,5 +1,6 @@
 //! Storing datasets: encoders, formats, journals, the manifest; merging parts.
 
+mod card;
 mod coco;
 mod encode;
 mod folder;
@@ -11,6 +12,7 @@ mod sample;
 mod unit;
 mod webdataset;
 
+pub use card::{CARD, CROISSANT};
 pub use coco::COCO;
 pub use encode::{encode_gray8, encode_gray16, encode_image, encode_rgb8};
 pub use folder::{ANNOTATIONS, CHECKSUMS, Folder, finished};
