@@ -48,9 +48,8 @@ pub(crate) struct LipContact {
     pub(crate) cage: [u32; 3],
 }
 
-/// Flesh on flesh: force per mm of overlap of a pair of lip nodes. Half a newton of the model's muscles closes the lips to
-/// within a tenth of a mm.
-const LIP_STIFFNESS: f64 = 400.0;
+/// Stiffness of flesh on flesh, for a pair of lip nodes, in that of relaxed fascia.
+const LIP_STIFFNESS: f64 = 7.0;
 
 /// All contacts of a model.
 #[derive(Clone, Debug, Default)]
@@ -80,6 +79,8 @@ impl Clearance {
 /// Contacts in a pose.
 #[derive(Debug)]
 pub(crate) struct PosedContacts<'a> {
+    /// Stiffness of a relaxed spring of the fascia.
+    pub(crate) unit_stiffness: f64,
     pub(crate) contacts: &'a Contacts,
     pub(crate) field: &'a HeightField,
     /// Motion of the piece of skull below each skull contact.
@@ -138,12 +139,13 @@ impl PosedContacts<'_> {
 
     /// Energy of the lips' overlap; adds its gradient.
     pub(crate) fn lip_energy(&self, x: &[V3], gradient: &mut [V3]) -> f64 {
+        let stiffness = LIP_STIFFNESS * self.unit_stiffness;
         let mut energy = 0.0;
         for (c, s) in self.contacts.lips.iter().enumerate() {
             let overlap = self.overlap(c, x);
             if overlap > 0.0 {
-                energy += LIP_STIFFNESS * overlap * overlap;
-                let push = scale(self.directions[c], LIP_STIFFNESS * overlap);
+                energy += stiffness * overlap * overlap;
+                let push = scale(self.directions[c], stiffness * overlap);
                 let i = s.node as usize;
                 gradient[i] = sub(gradient[i], push);
                 for (&i, w) in s.below.iter().zip(s.weights) {
@@ -156,11 +158,12 @@ impl PosedContacts<'_> {
 
     /// Calls `f(node, stiffness)` for the nodes of lips that press.
     pub(crate) fn lip_stiffness(&self, x: &[V3], mut f: impl FnMut(u32, f64)) {
+        let stiffness = LIP_STIFFNESS * self.unit_stiffness;
         for (c, s) in self.contacts.lips.iter().enumerate() {
             if self.overlap(c, x) > 0.0 {
-                f(s.node, LIP_STIFFNESS);
+                f(s.node, stiffness);
                 for (&i, w) in s.below.iter().zip(s.weights) {
-                    f(i, LIP_STIFFNESS * w * w);
+                    f(i, stiffness * w * w);
                 }
             }
         }

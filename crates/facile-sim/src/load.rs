@@ -50,6 +50,7 @@ impl<'a> Load<'a> {
             .map(|i| of_node(i).apply(model.rest[i]))
             .collect();
         let contacts = PosedContacts {
+            unit_stiffness: model.params.fascia_stiffness,
             contacts: &model.contacts,
             field: &model.field,
             frames: model

@@ -90,6 +90,19 @@ impl FaceRig {
         reference: &ReferenceHead,
         subject: &Subject,
     ) -> Result<FaceModel, SimError> {
+        self.model_with(reference, subject, PaperParams::default())
+    }
+
+    /// The face of a subject with other constants than those of Table 1: for maps of stability.
+    ///
+    /// # Errors
+    /// Those of [`Self::model`].
+    pub fn model_with(
+        &self,
+        reference: &ReferenceHead,
+        subject: &Subject,
+        params: PaperParams,
+    ) -> Result<FaceModel, SimError> {
         let fine = &subject.positions;
         if fine.len() != reference.mesh.positions.len() {
             return Err(SimError::SizeMismatch {
@@ -118,7 +131,6 @@ impl FaceRig {
             .collect();
         let mut rest = layers.skin.clone();
         rest.extend(&layers.fascia);
-        let params = PaperParams::default();
         let hinges = hinges(reference, subject, template, &cage)?;
         let field = template.skull.fit(&template.triangles, &layers)?;
         let contacts = contacts(reference, template, &layers, &field, &hinges, subject);

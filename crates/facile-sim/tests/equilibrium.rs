@@ -10,8 +10,8 @@ use facile_core::{
 use facile_sim::stress::random_pose;
 use facile_sim::work_precision::{largest_distance, work_precision};
 use facile_sim::{
-    Equilibrium, ExpressionSet, FaceModel, FaceRig, MuscleSet, Pose, Solver, SolverKind,
-    SolverParams,
+    Equilibrium, ExpressionSet, FaceModel, FaceRig, MuscleSet, PaperParams, Pose, Solver,
+    SolverKind, SolverParams,
 };
 
 fn mean_subject() -> Subject {
@@ -195,6 +195,38 @@ fn the_face_moves_continuously_with_the_contraction() {
         let away = largest_distance(&at(c), &at(c + 0.001));
         assert!(away < 0.04, "at {c}: {away} mm for 0.001");
     }
+}
+
+#[test]
+fn a_thousand_times_the_stiffness_gives_the_same_shape() {
+    let soft = PaperParams::default();
+    let stiff = PaperParams {
+        skin_stiffness: 1e3 * soft.skin_stiffness,
+        skin_fascia_stiffness: 1e3 * soft.skin_fascia_stiffness,
+        fascia_stiffness: 1e3 * soft.fascia_stiffness,
+        fascia_skull_stiffness: 1e3 * soft.fascia_skull_stiffness,
+        shape_stiffness: 1e3 * soft.shape_stiffness,
+        volume_stiffness: 1e3 * soft.volume_stiffness,
+        ..soft
+    };
+    let model_of_stone = rig()
+        .model_with(ReferenceHead::embedded(), &mean_subject(), stiff)
+        .expect("valid");
+    let pose = pose(&[("zygomatic_major", 0.5), ("mentalis", 0.7)]);
+    let away = largest_distance(&solve(model(), &pose), &solve(&model_of_stone, &pose));
+    assert!(away < 0.01, "{away} mm");
+}
+
+#[test]
+fn lips_that_are_pressed_together_do_not_pass_through_each_other() {
+    let mut shut = pose(&[("mentalis", 0.8), ("orbicularis_oris_upper_marginal", 0.6)]);
+    shut.jaw.open_rad = -0.03;
+    let face = solve(model(), &shut);
+    assert!(
+        face.certificate.lip_overlap_mm < 0.4,
+        "{:?}",
+        face.certificate
+    );
 }
 
 #[test]
