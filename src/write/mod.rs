@@ -6,7 +6,8 @@ mod journal;
 mod manifest;
 mod sample;
 
-pub use encode::{encode_gray8, encode_gray16, encode_image, encode_rgb8};
+pub use encode::encode_image;
+pub use facile_trace::png_file::{encode_gray8, encode_gray16, encode_rgb8};
 pub use folder::{ANNOTATIONS, CHECKSUMS, Folder, finished};
 pub use journal::{FileEntry, Journal};
 pub use manifest::{Failure, MANIFEST, Manifest};

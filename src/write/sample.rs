@@ -3,7 +3,7 @@
 use facile_core::Plane;
 
 use super::IMAGES;
-use super::encode::{encode_gray8, encode_gray16, encode_image, encode_rgb8};
+use super::{encode_gray8, encode_gray16, encode_image, encode_rgb8};
 use crate::Error;
 use crate::pipeline::{Maps, Sample};
 use crate::recipe::ImageSettings;
@@ -31,7 +31,7 @@ pub fn map_name(kind: &str, index: u64) -> String {
 /// The image of a sample, and its maps unless they belong to a neighbour.
 ///
 /// # Errors
-/// [`Error::Encode`] if an encoder refuses the size.
+/// [`Error::Encode`] or [`Error::Trace`] if an encoder refuses the size.
 pub fn encode_sample(sample: &Sample, settings: &ImageSettings) -> Result<Vec<EncodedFile>, Error> {
     let mut files = vec![EncodedFile {
         name: sample.record.image.clone(),

@@ -297,8 +297,7 @@ impl Canvas<'_> {
                         for lane in lanes_of(near) {
                             let old = &block.hits[lane];
                             // Of equal distances the lower object, then the lower triangle wins
-                            let is_later =
-                                old.object != self.object || old.triangle < triangle;
+                            let is_later = old.object != self.object || old.triangle < triangle;
                             if t.0[lane] >= block.t.0[lane] && is_later {
                                 continue;
                             }
