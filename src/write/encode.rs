@@ -1,6 +1,7 @@
-//! Images and maps as bytes of PNG, JPEG and WebP.
+//! Images as bytes of PNG, JPEG and WebP.
 
 use facile_core::Plane;
+use facile_trace::png_file::encode_rgb8;
 
 use crate::Error;
 use crate::recipe::ImageSettings;
@@ -9,18 +10,12 @@ use crate::recipe::file::Encoding;
 /// Encodes an sRGB image as the recipe asks.
 ///
 /// # Errors
-/// [`Error::Encode`] if the encoder refuses the size.
+/// [`Error::Encode`] or [`Error::Trace`] if the encoder refuses the size.
 pub fn encode_image(image: &Plane<[u8; 3]>, settings: &ImageSettings) -> Result<Vec<u8>, Error> {
     let bytes = image.as_slice().as_flattened();
     let (width, height) = (image.width(), image.height());
     match settings.encoding {
-        Encoding::Png => png_bytes(
-            width,
-            height,
-            png::ColorType::Rgb,
-            png::BitDepth::Eight,
-            bytes,
-        ),
+        Encoding::Png => Ok(encode_rgb8(image)?),
         Encoding::Jpeg => {
             let mut out = Vec::new();
             let mut encoder = jpeg_encoder::Encoder::new(&mut out, settings.quality);
@@ -45,78 +40,6 @@ pub fn encode_image(image: &Plane<[u8; 3]>, settings: &ImageSettings) -> Result<
             Ok(out)
         }
     }
-}
-
-/// Encodes a map of 8-bit RGB as PNG.
-///
-/// # Errors
-/// [`Error::Encode`] if the encoder refuses the size.
-pub fn encode_rgb8(map: &Plane<[u8; 3]>) -> Result<Vec<u8>, Error> {
-    let bytes = map.as_slice().as_flattened();
-    png_bytes(
-        map.width(),
-        map.height(),
-        png::ColorType::Rgb,
-        png::BitDepth::Eight,
-        bytes,
-    )
-}
-
-/// Encodes an 8-bit map as PNG.
-///
-/// # Errors
-/// [`Error::Encode`] if the encoder refuses the size.
-pub fn encode_gray8(map: &Plane<u8>) -> Result<Vec<u8>, Error> {
-    let (width, height) = (map.width(), map.height());
-    png_bytes(
-        width,
-        height,
-        png::ColorType::Grayscale,
-        png::BitDepth::Eight,
-        map.as_slice(),
-    )
-}
-
-/// Encodes a 16-bit map as PNG.
-///
-/// # Errors
-/// [`Error::Encode`] if the encoder refuses the size.
-pub fn encode_gray16(map: &Plane<u16>) -> Result<Vec<u8>, Error> {
-    let bytes: Vec<u8> = map
-        .as_slice()
-        .iter()
-        .flat_map(|v| v.to_be_bytes())
-        .collect();
-    let (width, height) = (map.width(), map.height());
-    png_bytes(
-        width,
-        height,
-        png::ColorType::Grayscale,
-        png::BitDepth::Sixteen,
-        &bytes,
-    )
-}
-
-fn png_bytes(
-    width: usize,
-    height: usize,
-    color: png::ColorType,
-    depth: png::BitDepth,
-    bytes: &[u8],
-) -> Result<Vec<u8>, Error> {
-    let mut out = Vec::with_capacity(bytes.len() / 2);
-    let mut encoder = png::Encoder::new(&mut out, width as u32, height as u32);
-    encoder.set_color(color);
-    encoder.set_depth(depth);
-    encoder.set_compression(png::Compression::Fast);
-    let mut writer = encoder
-        .write_header()
-        .map_err(|e| failed(width, height, &e))?;
-    writer
-        .write_image_data(bytes)
-        .and_then(|()| writer.finish())
-        .map_err(|e| failed(width, height, &e))?;
-    Ok(out)
 }
 
 fn failed(width: usize, height: usize, reason: &dyn std::fmt::Display) -> Error {
@@ -163,15 +86,5 @@ mod tests {
         let pairs = read.as_raw().iter().zip(image.as_slice().as_flattened());
         let worst = pairs.map(|(a, b)| a.abs_diff(*b)).max();
         assert!(worst.is_some_and(|d| d < 24), "{worst:?}");
-    }
-
-    #[test]
-    fn sixteen_bits_survive() {
-        let map = Plane::from_fn(5, 4, |x, y| (x * 10_000 + y * 257) as u16);
-        let bytes = encode_gray16(&map).expect("encodes");
-        let read = image::load_from_memory(&bytes)
-            .expect("reads")
-            .into_luma16();
-        assert_eq!(read.as_raw(), map.as_slice());
     }
 }

@@ -14,7 +14,8 @@ mod webdataset;
 
 pub use card::{CARD, CROISSANT};
 pub use coco::COCO;
-pub use encode::{encode_gray8, encode_gray16, encode_image, encode_rgb8};
+pub use encode::encode_image;
+pub use facile_trace::png_file::{encode_gray8, encode_gray16, encode_rgb8};
 pub use folder::{ANNOTATIONS, CHECKSUMS, Folder, finished};
 pub use journal::{FileEntry, Journal};
 pub use manifest::{Failure, MANIFEST, Manifest};

@@ -6,7 +6,7 @@ use facile_core::Plane;
 
 use super::IMAGES;
 use super::coco::coco_line;
-use super::encode::{encode_gray8, encode_gray16, encode_image, encode_rgb8};
+use super::{encode_gray8, encode_gray16, encode_image, encode_rgb8};
 use crate::Error;
 use crate::pipeline::{Maps, Sample};
 use crate::recipe::Recipe;

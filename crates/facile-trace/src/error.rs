@@ -73,7 +73,17 @@ pub enum TraceError {
         /// What the system said.
         source: std::io::Error,
     },
-    /// An image could not be encoded.
+    /// An image could not be encoded as PNG.
+    #[error("an image of {width} x {height} pixels could not be encoded: {reason}")]
+    Png {
+        /// Columns.
+        width: usize,
+        /// Rows.
+        height: usize,
+        /// What the encoder said.
+        reason: String,
+    },
+    /// A record could not be encoded.
     #[error("{path}: {reason}")]
     Encode {
         /// The file.

@@ -3,7 +3,6 @@
 use crate::camera::Camera;
 use crate::raster;
 use crate::ray::{Hit, Ray};
-use crate::sampling::sample_offset;
 use crate::scene::{Layer, Scene};
 
 /// Rays that are traced together: bounds the buffers.
@@ -52,7 +51,7 @@ pub(crate) fn centers(
         Method::Rays => {
             let pixels = pixels_in_blocks(bounds);
             let mut hits = Vec::new();
-            trace_samples(scene, camera, &pixels, 1, Layer::All, &mut hits);
+            trace_samples(scene, camera, &pixels, &[[0.5; 2]], Layer::All, &mut hits);
             for (pixel, hit) in pixels.into_iter().zip(hits).filter(|(_, h)| h.is_some()) {
                 seen.pixels.push(pixel);
                 seen.hits.push(hit);
@@ -77,28 +76,27 @@ pub(crate) fn pixels_in_blocks([x0, y0, x1, y1]: [usize; 4]) -> Vec<[u32; 2]> {
     pixels
 }
 
-/// Image position of sample `index` of `count` in a pixel.
-pub(crate) fn sample_px([x, y]: [u32; 2], index: u32, count: u32) -> [f64; 2] {
-    let [dx, dy] = sample_offset(index, count);
+/// Image position at an offset in a pixel.
+pub(crate) fn sample_px([x, y]: [u32; 2], [dx, dy]: [f64; 2]) -> [f64; 2] {
     [f64::from(x) + dx, f64::from(y) + dy]
 }
 
-/// Traces `count` samples of each pixel; the hits of a pixel are adjacent.
+/// Traces samples at the same offsets in each pixel; the hits of a pixel are adjacent.
 pub(crate) fn trace_samples(
     scene: &Scene,
     camera: &Camera,
     pixels: &[[u32; 2]],
-    count: u32,
+    offsets: &[[f64; 2]],
     layer: Layer,
     hits: &mut Vec<Hit>,
 ) {
     hits.clear();
-    hits.reserve(pixels.len() * count as usize);
+    hits.reserve(pixels.len() * offsets.len());
     let mut rays: Vec<Ray> = Vec::with_capacity(BATCH);
-    for chunk in pixels.chunks(BATCH.div_ceil(count as usize)) {
+    for chunk in pixels.chunks(BATCH.div_ceil(offsets.len())) {
         rays.clear();
         for &pixel in chunk {
-            rays.extend((0..count).map(|i| camera.ray(sample_px(pixel, i, count))));
+            rays.extend(offsets.iter().map(|o| camera.ray(sample_px(pixel, *o))));
         }
         scene.closest_hits(&rays, layer, hits);
     }

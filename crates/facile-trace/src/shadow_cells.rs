@@ -28,12 +28,17 @@ struct CellBlock {
     direction: [Eight; 3],
     t_max: Eight,
     shear: ShearBlock,
+    /// Ray of each lane.
+    ray: [u32; LANES],
+}
+
+/// What decides whether a triangle needs to look at a block: apart from it, since most do not.
+#[derive(Clone, Copy)]
+struct Head {
     /// Largest depth of the rays' starts in the light's image.
     furthest: f32,
     /// Lanes with a ray that nothing blocks so far.
     open: u32,
-    /// Ray of each lane.
-    ray: [u32; LANES],
 }
 
 /// Whether sorting `rays` into cells is possible and worth it for an object: it is posed as its mesh is, lies on one side
@@ -99,6 +104,7 @@ struct Cells {
     rows: usize,
     /// First block of each cell, and the number of blocks.
     first: Vec<u32>,
+    heads: Vec<Head>,
     blocks: Vec<CellBlock>,
 }
 
@@ -127,17 +133,18 @@ impl Kernel for Block<'_> {
                         let from = row * cells.columns;
                         let first = cells.first[from + columns.start()] as usize;
                         let end = cells.first[from + columns.end() + 1] as usize;
-                        for block in &mut cells.blocks[first..end] {
-                            if block.open != 0 && nearest <= block.furthest {
-                                block.draw::<L>(corners);
+                        for index in first..end {
+                            let head = &mut cells.heads[index];
+                            if head.open != 0 && nearest <= head.furthest {
+                                cells.blocks[index].draw::<L>(corners, &mut head.open);
                             }
                         }
                     }
                 }
             }
         }
-        for block in &cells.blocks {
-            let closed = block.shear.by_axis.iter().fold(0, |all, b| all | b) & !block.open;
+        for (block, head) in cells.blocks.iter().zip(&cells.heads) {
+            let closed = block.shear.by_axis.iter().fold(0, |all, b| all | b) & !head.open;
             for lane in lanes_of(closed) {
                 let ray = block.ray[lane] as usize;
                 self.blocked[ray / LANES] |= 1 << (ray % LANES);
@@ -202,10 +209,14 @@ impl Block<'_> {
         // Move the rays there
         let empty = CellBlock {
             direction: [Eight([1.0; LANES]); 3],
-            furthest: f32::NEG_INFINITY,
             ..CellBlock::default()
         };
         let mut blocks = vec![empty; total as usize];
+        let nothing = Head {
+            furthest: f32::NEG_INFINITY,
+            open: 0,
+        };
+        let mut heads = vec![nothing; total as usize];
         for (ray, (cell, p)) in cell_of.iter().zip(&at).enumerate() {
             let slot = next[*cell as usize] as usize;
             next[*cell as usize] += 1;
@@ -216,17 +227,19 @@ impl Block<'_> {
                 own.direction[axis].0[lane] = from.direction[axis].0[k];
             }
             own.t_max.0[lane] = from.t_max.0[k];
-            own.furthest = own.furthest.max(p[2]);
             own.ray[lane] = ray as u32;
-            own.open |= 1 << lane;
+            let head = &mut heads[slot / LANES];
+            head.furthest = head.furthest.max(p[2]);
+            head.open |= 1 << lane;
         }
-        for block in &mut blocks {
-            block.shear = ShearBlock::new::<L>(&block.direction, block.open);
+        for (block, head) in blocks.iter_mut().zip(&heads) {
+            block.shear = ShearBlock::new::<L>(&block.direction, head.open);
         }
         Cells {
             columns,
             rows,
             first,
+            heads,
             blocks,
         }
     }
@@ -247,7 +260,7 @@ impl Block<'_> {
 impl CellBlock {
     /// Closes the lanes that a triangle blocks.
     #[inline(always)]
-    fn draw<L: Lanes>(&mut self, [a, b, c]: &[Vec3; 3]) {
+    fn draw<L: Lanes>(&self, [a, b, c]: &[Vec3; 3], open: &mut u32) {
         let shear = self.shear.shear::<L>();
         for axis in self.shear.axes() {
             let [i, j, k] = ShearBlock::axes_from(axis);
@@ -261,13 +274,101 @@ impl CellBlock {
                     [L::splat(c[i]) - x, L::splat(c[j]) - y, L::splat(c[k]) - z],
                 ],
                 &shear,
-                L::Mask::from_bits(self.shear.by_axis[axis] & self.open),
+                L::Mask::from_bits(self.shear.by_axis[axis] & *open),
             ) else {
                 continue;
             };
             let after_start = L::splat(0.0).lt(meeting.t);
             let before_end = meeting.t.lt(L::load(&self.t_max));
-            self.open &= !(meeting.met & after_start & before_end).bits();
+            *open &= !(meeting.met & after_start & before_end).bits();
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::Rgb;
+    use crate::ray::Ray;
+    use crate::scene::Scene;
+    use crate::{Material, Normals};
+    use facile_core::rng::RandomStream;
+    use facile_core::{Mesh, Point3};
+
+    /// Triangles of many sizes in a box of side 200 mm.
+    fn scene() -> Scene {
+        let mut random = RandomStream::new(5, 0);
+        let mut mesh = Mesh::default();
+        for t in 0..400_u32 {
+            let size = 25.0 * random.unit().powi(3) + 0.5;
+            let center = [0; 3].map(|_| random.uniform(-100.0, 100.0));
+            for _ in 0..3 {
+                let at = center.map(|c| c + random.uniform(-size, size));
+                mesh.positions.push(Point3::from(at));
+            }
+            mesh.triangles.push([3 * t, 3 * t + 1, 3 * t + 2]);
+        }
+        let mut scene = Scene::default();
+        scene.add(Object::new(&mesh, Normals::Flat, Material::default()).expect("valid"));
+        scene
+    }
+
+    #[test]
+    fn cells_block_what_single_rays_find_blocked() {
+        let scene = scene();
+        let position = Vec3::new(40.0, 90.0, 700.0);
+        let towards = Vec3::new(0.0, 0.6, 0.8);
+        let power = Rgb::repeat(1.0);
+        let lights = [
+            Light::Point { position, power },
+            Light::Directional { towards, power },
+        ];
+        for light in lights {
+            let mut random = RandomStream::new(9, 1);
+            let rays: Vec<Ray> = (0..3_003)
+                .map(|_| {
+                    let start = Vec3::from([0; 3].map(|_| random.uniform(-90.0, 90.0) as f32));
+                    match light.position() {
+                        Some(position) => Ray::between(start, position),
+                        None => Ray::new(start, towards),
+                    }
+                })
+                .collect();
+            let mut blocks = vec![RayBlock::default(); rays.len().div_ceil(LANES)];
+            for (i, ray) in rays.iter().enumerate() {
+                blocks[i / LANES].set(i % LANES, ray);
+            }
+            let image = image_of(&light, &blocks, rays.len()).expect("all on one side");
+            assert!(suits(&scene.objects()[0], &image, rays.len()));
+            let mut found = Vec::new();
+            scene.blocked(Some(&light), &blocks, rays.len(), &mut found);
+            let mut blocked = 0;
+            for (i, ray) in rays.iter().enumerate() {
+                let expected = scene.any_opaque_hit(ray);
+                assert_eq!(
+                    found[i / LANES] >> (i % LANES) & 1 == 1,
+                    expected,
+                    "{ray:?}"
+                );
+                blocked += usize::from(expected);
+            }
+            assert!(
+                blocked > 500 && blocked < 2_500,
+                "the rays try both: {blocked}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_light_among_the_rays_has_no_image() {
+        let mut blocks = [RayBlock::default()];
+        for lane in 0..LANES {
+            let start = Vec3::new(lane as f32 - 4.0, 0.0, 0.0);
+            blocks[0].set(lane, &Ray::new(start, Vec3::y()));
+        }
+        let power = Rgb::repeat(1.0);
+        let position = Vec3::new(-0.5, 0.0, 0.0);
+        assert!(image_of(&Light::Point { position, power }, &blocks, LANES).is_none());
+        assert!(image_of(&Light::Ambient { power }, &blocks, LANES).is_none());
     }
 }

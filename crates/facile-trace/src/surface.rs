@@ -99,6 +99,7 @@ struct Gathered {
     specular: Eight,
     shininess: Eight,
     hit: u32,
+    /// Lanes with vertex normals.
     smooth: u32,
     spawns: u32,
 }
@@ -372,4 +373,80 @@ fn linear(texel: [u8; 3], table: &[f32; 256]) -> [f32; 3] {
 /// One lane of three coordinates.
 pub(crate) fn lane(v: &[Eight; 3], k: usize) -> Vec3 {
     Vec3::new(v[0].0[k], v[1].0[k], v[2].0[k])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::Pose;
+    use crate::{Layer, Normals, Object};
+    use facile_core::{Mesh, Point3, Texture};
+    use std::sync::Arc;
+
+    #[test]
+    fn lanes_give_the_bits_of_the_scalar_form() {
+        let mesh = Mesh {
+            positions: vec![
+                Point3::new(-30.0, -30.0, 4.0),
+                Point3::new(30.0, -28.0, -3.0),
+                Point3::new(28.0, 31.0, 6.0),
+                Point3::new(-31.0, 30.0, 0.0),
+            ],
+            triangles: vec![[0, 1, 2], [0, 2, 3]],
+            texcoords: vec![[-0.1, 0.0], [1.2, 0.1], [0.9, 1.1], [0.0, 0.7]],
+            texcoord_triangles: vec![[0, 1, 2], [0, 2, 3]],
+            ..Mesh::default()
+        };
+        let texels = (0..35)
+            .map(|i| [i as u8 * 7, 255 - i as u8, i as u8])
+            .collect();
+        let texture = Arc::new(Texture::new(7, 5, texels));
+        let mut scene = Scene::default();
+        for (normals, material) in [
+            (Normals::Smooth, Material::skin(texture.clone())),
+            (Normals::Flat, Material::wet(texture.clone())),
+        ] {
+            let mut object = Object::new(&mesh, normals, material).expect("valid");
+            let shift = 40.0 * scene.objects().len() as f32;
+            let turn = Vec3::new(0.1, 0.2, 0.3) * shift * 0.02;
+            let pose = Pose::new(Vec3::new(shift, shift, 0.0), turn);
+            object.set_pose(&pose).expect("finite");
+            scene.add(object);
+        }
+        let rays: Vec<Ray> = (0..900)
+            .map(|i| {
+                let target = Vec3::new(
+                    (i % 30) as f32 * 4.0 - 40.0,
+                    (i / 30) as f32 * 4.0 - 40.0,
+                    0.0,
+                );
+                let side = if i % 2 == 0 { 1.0 } else { -1.0 };
+                let eye = Vec3::new(5.0, 9.0, 300.0 * side);
+                Ray::new(eye, target - eye)
+            })
+            .collect();
+        let mut hits = Vec::new();
+        scene.closest_hits(&rays, Layer::All, &mut hits);
+        let directions: Vec<[f32; 3]> = rays.iter().map(|r| r.direction.into()).collect();
+        let mut blocks = Vec::new();
+        surfaces(&scene, &hits, &directions, &mut blocks);
+        let mut compared = 0;
+        for (i, (ray, hit)) in rays.iter().zip(&hits).enumerate() {
+            let (block, k) = (&blocks[i / LANES], i % LANES);
+            assert_eq!(block.hit >> k & 1 == 1, hit.is_some());
+            if !hit.is_some() {
+                continue;
+            }
+            let point = Interaction::new(&scene, ray, hit);
+            let material = point.object.material(point.triangle);
+            assert_eq!(lane(&block.normal, k), point.normal, "{i}");
+            assert_eq!(lane(&block.flat_normal, k), point.flat_normal, "{i}");
+            assert_eq!(lane(&block.lifted, k), point.lifted, "{i}");
+            assert_eq!(lane(&block.view, k), point.view, "{i}");
+            assert_eq!(lane(&block.albedo, k), point.albedo, "{i}");
+            assert_eq!(block.weight.0[k], diffuse_weight(&point, material), "{i}");
+            compared += 1;
+        }
+        assert!(compared > 300, "{compared}");
+    }
 }

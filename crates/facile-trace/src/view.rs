@@ -15,7 +15,10 @@ use crate::light::{Light, LightSource};
 use crate::math::Rgb;
 use crate::primary::{self, Method, PixelHits, pixels_in_blocks, sample_px, trace_samples};
 use crate::ray::Hit;
-use crate::sampling::{ADAPTIVE_SAMPLES, Samples, uneven_pixels};
+use crate::sampling::{
+    BORDER_SAMPLES, CONTRAST_LIMIT, EDGE_LIMIT, FIRST_SAMPLES, Samples, is_uneven, sample_offsets,
+    uneven_pixels,
+};
 use crate::scene::{Layer, Scene};
 use crate::srgb::srgb8;
 use crate::surface::{self, SurfaceBlock};
@@ -45,6 +48,9 @@ impl Default for RenderSettings {
         }
     }
 }
+
+/// Offset of a pixel's centre.
+const CENTER: [f64; 2] = [0.5; 2];
 
 /// Samples that are shaded together: bounds the buffers. Many at once are cheaper, since each light sorts its rays.
 const BATCH: usize = 1 << 16;
@@ -145,8 +151,8 @@ pub fn trace_view(
         gbuffer,
         primary_time: Duration::ZERO,
     };
-    let count = view.dense_count();
-    if count > 1 {
+    let offsets = view.dense_offsets();
+    if offsets.len() > 1 {
         view.dense_pixels = match settings.samples {
             Samples::Count(_) => view.bounds.map_or_else(Vec::new, pixels_in_blocks),
             Samples::Adaptive(_) => view.border_pixels(),
@@ -156,7 +162,7 @@ pub fn trace_view(
             scene,
             camera,
             dense,
-            count,
+            &offsets,
             Layer::All,
             &mut view.dense_hits,
         );
@@ -198,7 +204,7 @@ fn trace_behind(scene: &Scene, camera: &Camera, centers: &PixelHits) -> Vec<Hit>
         scene,
         camera,
         &covered_pixels,
-        1,
+        &[CENTER],
         Layer::BehindOccluders,
         &mut found,
     );
@@ -220,10 +226,11 @@ impl View {
         self.centers.hits.len() + self.dense_hits.len()
     }
 
-    fn dense_count(&self) -> u32 {
+    /// Where the samples of pixels with several lie.
+    fn dense_offsets(&self) -> Vec<[f64; 2]> {
         match self.settings.samples {
-            Samples::Count(count) => count,
-            Samples::Adaptive(_) => ADAPTIVE_SAMPLES,
+            Samples::Count(count) => sample_offsets(count),
+            Samples::Adaptive(_) => sample_offsets(BORDER_SAMPLES),
         }
     }
 
@@ -270,47 +277,29 @@ impl View {
         let (width, height) = (self.camera.width(), self.camera.height());
         let mut color = Plane::filled(width, height, scene.background);
         let mut shadow = None;
-        let is_dense = self.settings.samples != Samples::Count(1);
-        let is_adaptive = self.settings.samples == Samples::ADAPTIVE;
-        if is_adaptive || !is_dense || self.settings.truth.shadow {
+        let is_dense = matches!(self.settings.samples, Samples::Count(2..));
+        if !is_dense || self.settings.truth.shadow {
             // Shade the pixels' centres
             let pixels = &self.centers.pixels;
             let mut lit = self.settings.truth.shadow.then(|| vec![1.0; pixels.len()]);
-            let direction = |i: usize| self.camera.direction(sample_px(pixels[i], 0, 1));
+            let direction = |i: usize| self.camera.direction(sample_px(pixels[i], CENTER));
             let (hits, kept) = (&self.centers.hits, Some(&self.surfaces[..]));
             let colors = scratch.shade(&shader, hits, direction, kept, lit.as_deref_mut());
             color = self.plane_of(scene.background, |i| colors[i]);
             shadow = lit.map(|lit| self.plane_of(1.0, |i| lit[i]));
         }
         let (centers, centers_shadow) = (start.elapsed(), scratch.shade.shadow_time);
-        if is_dense {
-            self.resolve(
-                &mut color,
-                &self.dense_pixels,
-                &self.dense_hits,
-                &shader,
-                &mut scratch,
-            );
-        }
-        if is_adaptive {
-            // Refine where the light makes a difference that the objects' borders did not show
-            let mut marks = uneven_pixels(&color, |_, _| 0);
-            for [x, y] in &self.dense_pixels {
-                marks[(*x as usize, *y as usize)] = false;
+        match self.settings.samples {
+            Samples::Count(1) => {}
+            Samples::Count(count) => {
+                let (pixels, hits) = (&self.dense_pixels, &self.dense_hits);
+                let offsets = self.dense_offsets();
+                let samples = (&pixels[..], &hits[..], &offsets[..]);
+                self.for_each_pixel(&shader, &mut scratch, samples, |pixel, samples| {
+                    color[pixel] = sum(samples) / count as f32;
+                });
             }
-            let pixels = self.bounds.map_or_else(Vec::new, pixels_in_blocks);
-            let is_marked = |[x, y]: &[u32; 2]| marks[(*x as usize, *y as usize)];
-            let more: Vec<[u32; 2]> = pixels.into_iter().filter(is_marked).collect();
-            let mut hits = Vec::new();
-            trace_samples(
-                scene,
-                &self.camera,
-                &more,
-                ADAPTIVE_SAMPLES,
-                Layer::All,
-                &mut hits,
-            );
-            self.resolve(&mut color, &more, &hits, &shader, &mut scratch);
+            Samples::Adaptive(_) => self.refine(&mut color, &shader, &mut scratch),
         }
         let times = ShadeTimes {
             shadow: scratch.shade.shadow_time,
@@ -327,32 +316,88 @@ impl View {
         })
     }
 
-    /// Sets pixels to the mean of their samples.
-    fn resolve(
+    /// Takes many samples on the borders of objects, a few where the pixels' centres show a difference, and more where
+    /// those still do.
+    fn refine(&self, color: &mut Plane<Rgb>, shader: &Shader<'_>, scratch: &mut BatchScratch) {
+        let (few, more) = (
+            &sample_offsets(FIRST_SAMPLES),
+            &sample_offsets(BORDER_SAMPLES),
+        );
+        let trace = |pixels: &[[u32; 2]], offsets: &[[f64; 2]]| {
+            let mut hits = Vec::new();
+            trace_samples(
+                shader.scene,
+                &self.camera,
+                pixels,
+                offsets,
+                Layer::All,
+                &mut hits,
+            );
+            hits
+        };
+        let samples = (&self.dense_pixels[..], &self.dense_hits[..], &more[..]);
+        self.for_each_pixel(shader, scratch, samples, |pixel, samples| {
+            color[pixel] = sum(samples) / more.len() as f32;
+        });
+        // Take a few samples where neighbours differ
+        let mut marks = uneven_pixels(color, CONTRAST_LIMIT);
+        for [x, y] in &self.dense_pixels {
+            marks[(*x as usize, *y as usize)] = false;
+        }
+        let mut uneven = self.bounds.map_or_else(Vec::new, pixels_in_blocks);
+        uneven.retain(|[x, y]| marks[(*x as usize, *y as usize)]);
+        let hits = trace(&uneven, few);
+        let mut firsts = Vec::with_capacity(uneven.len());
+        self.for_each_pixel(shader, scratch, (&uneven, &hits, few), |pixel, samples| {
+            let sum = sum(samples);
+            color[pixel] = sum / few.len() as f32;
+            firsts.push((pixel, sum, is_uneven(samples)));
+        });
+        // Take the rest where those differ, or their pixels do
+        let marks = uneven_pixels(color, EDGE_LIMIT);
+        firsts.retain(|(pixel, _, is_uneven)| *is_uneven || marks[*pixel]);
+        let pixel = |(x, y): (usize, usize)| [x as u32, y as u32];
+        let unsettled: Vec<[u32; 2]> = firsts.iter().map(|(at, ..)| pixel(*at)).collect();
+        let hits = trace(&unsettled, more);
+        let mut firsts = firsts.iter();
+        self.for_each_pixel(
+            shader,
+            scratch,
+            (&unsettled, &hits, more),
+            |pixel, samples| {
+                let first = firsts.next().map_or_else(Rgb::zeros, |(_, sum, _)| *sum);
+                color[pixel] = (first + sum(samples)) / (few.len() + more.len()) as f32;
+            },
+        );
+    }
+
+    /// Shades the samples of each pixel, given as pixels, hits and offsets, and calls `visit` with their colours.
+    fn for_each_pixel(
         &self,
-        color: &mut Plane<Rgb>,
-        pixels: &[[u32; 2]],
-        hits: &[Hit],
         shader: &Shader<'_>,
         scratch: &mut BatchScratch,
+        (pixels, hits, offsets): (&[[u32; 2]], &[Hit], &[[f64; 2]]),
+        mut visit: impl FnMut((usize, usize), &[Rgb]),
     ) {
-        let count = self.dense_count() as usize;
+        let count = offsets.len();
         let direction = |i: usize| {
-            let index = (i % count) as u32;
-            let px = sample_px(pixels[i / count], index, count as u32);
+            let px = sample_px(pixels[i / count], offsets[i % count]);
             self.camera.direction(px)
         };
         let colors = scratch.shade(shader, hits, direction, None, None);
         for ([x, y], samples) in pixels.iter().zip(colors.chunks_exact(count)) {
-            let sum = samples.iter().fold(Rgb::zeros(), |sum, c| sum + c);
-            color[(*x as usize, *y as usize)] = sum / count as f32;
+            visit((*x as usize, *y as usize), samples);
         }
     }
 }
 
+fn sum(samples: &[Rgb]) -> Rgb {
+    samples.iter().fold(Rgb::zeros(), |sum, c| sum + c)
+}
+
 /// Directions of the rays through pixels' centres.
 fn center_directions(camera: &Camera, pixels: &[[u32; 2]]) -> Vec<[f32; 3]> {
-    let direction = |pixel: &[u32; 2]| camera.direction(sample_px(*pixel, 0, 1));
+    let direction = |pixel: &[u32; 2]| camera.direction(sample_px(*pixel, CENTER));
     pixels.iter().map(direction).collect()
 }
 

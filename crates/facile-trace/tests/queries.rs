@@ -147,12 +147,22 @@ fn bumpy_sphere(seed: u64) -> Mesh {
 
 #[test]
 fn no_ray_leaks_out_of_a_closed_mesh() {
-    for seed in 0..3 {
+    count_leaks(3, 340_000);
+}
+
+#[test]
+#[ignore = "ten million rays take a minute"]
+fn not_one_of_ten_million_rays_leaks_out_of_a_closed_mesh() {
+    count_leaks(10, 1_000_000);
+}
+
+fn count_leaks(meshes: u64, rays_each: usize) {
+    for seed in 0..meshes {
         let mesh = bumpy_sphere(seed);
         let scene = scene_of(&mesh, Normals::Flat, [0.5; 3]);
         let mut random = RandomStream::new(seed, 7);
         let mut rays = Vec::new();
-        for i in 0..60_000_usize {
+        for i in 0..rays_each {
             let inside = vec3(Vector3::from_fn(|_, _| random.uniform(-20.0, 20.0)));
             let triangle = mesh.triangles[i % mesh.triangles.len()];
             let [a, b, c] = triangle.map(|v| vec3(mesh.positions[v as usize].coords));
@@ -222,5 +232,30 @@ fn an_empty_scene_and_an_empty_mesh_are_never_hit() {
         assert!(!scene.any_opaque_hit(&ray));
         assert_eq!(scene.bounds_in_world(Layer::All).count(), 0);
         scene.add(empty.as_ref().expect("allowed").clone());
+    }
+}
+
+proptest::proptest! {
+    #![proptest_config(proptest::test_runner::Config {
+        cases: 24,
+        failure_persistence: None,
+        ..proptest::test_runner::Config::default()
+    })]
+
+    #[test]
+    fn any_soup_is_hit_alike_by_packets_rays_and_brute_force(
+        seed in 0_u64..10_000,
+        triangles in 1_usize..200,
+    ) {
+        let mesh = soup(triangles, seed);
+        let scene = scene_of(&mesh, Normals::Flat, [0.5; 3]);
+        let rays = random_rays(203, seed);
+        let mut packed = Vec::new();
+        scene.closest_hits(&rays, Layer::All, &mut packed);
+        for (ray, packed) in rays.iter().zip(&packed) {
+            let single = scene.closest_hit(ray, Layer::All);
+            proptest::prop_assert_eq!(packed.ok(), single);
+            proptest::prop_assert_eq!(single.map(|h| (h.t, h.triangle)), brute_force(&mesh, ray));
+        }
     }
 }

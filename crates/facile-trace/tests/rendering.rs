@@ -6,8 +6,8 @@ use common::{ambient, camera_at, icosphere, light, scene_of, square, wall};
 use facile_core::{Mesh, Plane, Point3, Segment, Vector3};
 use facile_trace::math::Rgb;
 use facile_trace::{
-    Albedo, Camera, LightSource, Material, Normals, Object, Occlusion, RenderSettings, Rendering,
-    Samples, Scene, Transmission, Truth, View, trace_view,
+    Albedo, Camera, InstructionSet, Layer, LightSource, Material, Normals, Object, Occlusion,
+    RenderSettings, Rendering, Samples, Scene, Transmission, Truth, View, trace_view,
 };
 
 fn settings(samples: Samples, truth: Truth) -> RenderSettings {
@@ -558,4 +558,85 @@ fn vertex_colours_and_textures_show() {
     assert_close(image[(0, 0)], Rgb::new(1.0, 0.0, 0.0), 1e-5);
     assert_close(image[(7, 0)], Rgb::new(0.0, 1.0, 0.0), 1e-5);
     assert_close(image[(0, 7)], Rgb::new(0.0, 0.0, 1.0), 1e-5);
+}
+
+/// Objects of all kinds: posed and not, hiding each other, with faces that coincide.
+fn busy_scene() -> Scene {
+    let mut scene = scene_of(&icosphere(60.0, 4), Normals::Smooth, [0.7, 0.5, 0.4]);
+    let eye = Object::new(&icosphere(15.0, 3), Normals::Smooth, Material::default());
+    let mut eye = eye.expect("valid");
+    let turn = nalgebra::Vector3::new(0.1, 0.3, 0.2);
+    let place = nalgebra::Vector3::new(20.0, 10.0, 55.0);
+    eye.set_pose(&facile_trace::math::Pose::new(place, turn))
+        .expect("finite");
+    scene.add(eye);
+    for _ in 0..2 {
+        let card = square(
+            Point3::new(-70.0, 30.0, 20.0),
+            Vector3::x(),
+            Vector3::y(),
+            40.0,
+        );
+        scene.add(Object::new(&card, Normals::Flat, Material::default()).expect("valid"));
+    }
+    scene
+}
+
+#[test]
+fn drawn_pixels_are_those_of_single_rays() {
+    let scene = busy_scene();
+    // The second camera looks past the diagonals where the longest axis of its rays changes
+    for eye in [
+        Point3::new(60.0, 10.0, 640.0),
+        Point3::new(400.0, 120.0, 410.0),
+    ] {
+        let camera = Camera::look_at(131, 97, eye, Point3::origin(), Vector3::y(), 0.35);
+        let camera = camera.expect("valid");
+        let (view, _) = render(&scene, &camera, &[]);
+        let hits = view.gbuffer.hit.expect("asked for");
+        let mut found = 0;
+        for y in 0..97 {
+            for x in 0..131 {
+                let ray = camera.ray([x as f64 + 0.5, y as f64 + 0.5]);
+                let expected = scene.closest_hit(&ray, Layer::All);
+                assert_eq!(hits[(x, y)].ok(), expected, "{x} {y}");
+                found += usize::from(expected.is_some());
+            }
+        }
+        assert!(found > 2_000, "{found}");
+    }
+}
+
+#[test]
+fn every_instruction_set_gives_the_same_bytes() {
+    let scene = busy_scene();
+    let camera = camera_at(600.0, 96, 0.35);
+    let lights = [
+        light("kind = 'point'\nposition = [300, 200, 500]\nintensity = 0.4"),
+        light("kind = 'directional'\ndirection = [1, -1, -1]\nintensity = 0.3"),
+        light("kind = 'ambient'\nintensity = 0.1"),
+    ];
+    let frame = |set: InstructionSet| {
+        set.limit(|| {
+            let settings = settings(Samples::ADAPTIVE, Truth::ALL);
+            let view = trace_view(&scene, &camera, &settings).expect("valid");
+            let rendering = view.shade(&scene, &lights).expect("valid");
+            let bits = |c: &Rgb| [c.x, c.y, c.z].map(f32::to_bits);
+            let maps = (
+                view.gbuffer.depth_z,
+                view.gbuffer.normal_in_world,
+                view.gbuffer.hit,
+            );
+            (
+                rendering.color.map(bits),
+                rendering.shadow,
+                maps,
+                view.gbuffer.segment,
+            )
+        })
+    };
+    let expected = frame(InstructionSet::Portable);
+    for set in InstructionSet::ALL.into_iter().filter(|s| s.is_available()) {
+        assert!(frame(set) == expected, "{set:?}");
+    }
 }

@@ -1,9 +1,9 @@
-//! Meshes and textures of a scene file.
+//! Meshes of a scene file, with what comes with them.
 
 use std::path::Path;
 
-use facile_core::io::obj::{NO_TEXCOORD, ObjFile};
-use facile_core::{CoreError, Mesh, Segment, Texture};
+use facile_core::io::{load_scan, read_file};
+use facile_core::{Mesh, Texture};
 
 use super::obj_normals::vertex_normals;
 use crate::TraceError;
@@ -17,62 +17,20 @@ pub(super) struct Loaded {
     pub(super) normals: Option<Vec<Vec3>>,
 }
 
-/// Reads a mesh.
-pub(super) fn load_mesh(path: &Path) -> Result<Loaded, TraceError> {
-    let bytes = read(path)?;
-    let obj = ObjFile::parse(&bytes, path)?;
-    let mut mesh = Mesh {
-        positions: obj.positions.clone(),
-        texcoords: obj.texcoords.clone(),
-        ..Mesh::default()
+/// Reads a mesh of any format that a scan can have. `texture` takes the place of the texture that the file names.
+pub(super) fn load_mesh(path: &Path, texture: Option<&Path>) -> Result<Loaded, TraceError> {
+    let scan = load_scan(path, texture)?;
+    let is_obj = path
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("obj"));
+    let normals = if is_obj {
+        vertex_normals(&read_file(path)?, scan.mesh.positions.len())
+    } else {
+        None
     };
-    let has_texcoords = obj.corners.iter().all(|c| c[1] != NO_TEXCOORD);
-    let classes: Vec<Segment> = obj
-        .groups
-        .iter()
-        .map(|g| Segment::from_name(g).unwrap_or(Segment::Other))
-        .collect();
-    for polygon in &obj.polygons {
-        let corners = obj.corners_of(polygon);
-        for k in 1..corners.len() - 1 {
-            let triangle = [corners[0], corners[k], corners[k + 1]];
-            mesh.triangles.push(triangle.map(|c| c[0]));
-            if has_texcoords {
-                mesh.texcoord_triangles.push(triangle.map(|c| c[1]));
-            }
-            let class = polygon
-                .group
-                .map_or(Segment::Other, |g| classes[g as usize]);
-            mesh.segments.push(class);
-        }
-    }
-    mesh.validate(path)?;
     Ok(Loaded {
-        normals: vertex_normals(&bytes, mesh.positions.len()),
-        mesh,
-        texture: None,
-    })
-}
-
-/// Reads an image file.
-pub(super) fn load_texture(path: &Path) -> Result<Texture, TraceError> {
-    let bytes = read(path)?;
-    let bad = |e: image::ImageError| {
-        TraceError::Core(CoreError::Format {
-            path: path.to_owned(),
-            place: None,
-            reason: e.to_string(),
-        })
-    };
-    let image = image::load_from_memory(&bytes).map_err(bad)?.into_rgb8();
-    let (width, height) = (image.width() as usize, image.height() as usize);
-    let texels = image.as_raw().as_chunks::<3>().0.to_vec();
-    Ok(Texture::new(width, height, texels))
-}
-
-fn read(path: &Path) -> Result<Vec<u8>, TraceError> {
-    std::fs::read(path).map_err(|source| TraceError::Io {
-        path: path.to_owned(),
-        source,
+        mesh: scan.mesh,
+        texture: scan.texture,
+        normals,
     })
 }

@@ -8,7 +8,7 @@ use facile_core::color::LINEAR_FROM_SRGB8;
 use facile_core::rng::RandomStream;
 use facile_core::{Plane, Point3, Texture};
 
-use super::load::{load_mesh, load_texture};
+use super::load::load_mesh;
 use super::{MeshSection, SceneFile, Spread, TimingReport};
 use crate::TraceError;
 use crate::gbuffer::GBuffer;
@@ -51,9 +51,10 @@ pub fn render_scene_file(
     let mut times = FrameTimes::default();
     let mut last = None;
     for frame in 0..file.frames {
+        let moved = (file.jitter_mm > 0.0).then(|| jittered(&rest, file.jitter_mm, frame));
         let start = Instant::now();
-        if file.jitter_mm > 0.0 {
-            jitter(&mut scene, &rest, file.jitter_mm, frame)?;
+        for (object, positions) in scene.objects_mut().iter_mut().zip(moved.iter().flatten()) {
+            object.set_positions(positions)?;
         }
         let refit = start.elapsed();
         let view = trace_view(&scene, &camera, &settings)?;
@@ -62,7 +63,7 @@ pub fn render_scene_file(
         let whole = start.elapsed();
         let encode_start = Instant::now();
         let color_path = out_dir.join("color.png");
-        let bytes = encode_rgb8(&color_path, &image)?;
+        let bytes = encode_rgb8(&image)?;
         times.push(refit, &view, &rendering, encode_start.elapsed(), whole);
         last = Some((view, rendering, color_path, bytes));
     }
@@ -88,12 +89,9 @@ fn load_scene(file: &SceneFile, folder: &Path) -> Result<(Scene, TimingReport), 
     let mut triangles = 0;
     for section in &file.mesh {
         let start = Instant::now();
-        let loaded = load_mesh(&folder.join(&section.file))?;
-        let mesh = loaded.mesh;
-        let texture = match &section.texture {
-            Some(texture) => Some(load_texture(&folder.join(texture))?),
-            None => loaded.texture,
-        };
+        let texture = section.texture.as_ref().map(|t| folder.join(t));
+        let loaded = load_mesh(&folder.join(&section.file), texture.as_deref())?;
+        let (mesh, texture) = (loaded.mesh, loaded.texture);
         let material = material(section, texture, !mesh.colors.is_empty())?;
         load += start.elapsed();
         let start = Instant::now();
@@ -196,22 +194,13 @@ fn rest_positions(scene: &Scene) -> Vec<Vec<Point3>> {
     scene.objects().iter().map(positions).collect()
 }
 
-/// Moves every vertex; the same for the same frame on every run.
-fn jitter(
-    scene: &mut Scene,
-    rest: &[Vec<Point3>],
-    amplitude: f64,
-    frame: u32,
-) -> Result<(), TraceError> {
+/// Every vertex moved; the same for the same frame on every run.
+fn jittered(rest: &[Vec<Point3>], amplitude: f64, frame: u32) -> Vec<Vec<Point3>> {
     let mut stream = RandomStream::new(0, u64::from(frame));
-    for (object, rest) in scene.objects_mut().iter_mut().zip(rest) {
-        let moved: Vec<Point3> = rest
-            .iter()
-            .map(|p| p.map(|v| v + stream.uniform(-amplitude, amplitude)))
-            .collect();
-        object.set_positions(&moved)?;
-    }
-    Ok(())
+    let mut moved = |p: &Point3| p.map(|v| v + stream.uniform(-amplitude, amplitude));
+    rest.iter()
+        .map(|positions| positions.iter().map(&mut moved).collect())
+        .collect()
 }
 
 fn write_maps(out_dir: &Path, view: &View, rendering: &Rendering) -> Result<(), TraceError> {
