@@ -222,15 +222,15 @@ mod tests {
         ] {
             pose.set(muscles, key, c).expect("known");
         }
-        pose.jaw.open_rad = 0.1;
+        pose.jaw.open_rad = 0.05;
         let load = Load::new(&model, &pose).expect("valid");
-        // Noise of a millimetre; the upper lip is pressed through the lower one and some prisms are turned inside out.
+        // Noise of a millimetre and a half; the upper lip is pressed through the lower one and some prisms are turned inside out.
         let mut x = load.carried.clone();
         for (i, p) in x.iter_mut().enumerate() {
-            *p = [0, 1, 2].map(|k| p[k] + noise(3 * i + k));
+            *p = [0, 1, 2].map(|k| p[k] + 1.5 * noise(3 * i + k));
         }
         for lip in &model.contacts.lips {
-            x[lip.node as usize][1] -= 4.0;
+            x[lip.node as usize][1] -= 9.0;
         }
         assert!(model.elements.inverted(&x) > 0 && load.contacts.lip_overlap(&x) > 1.0);
         let mut gradient = vec![[0.0; 3]; x.len()];

@@ -5,7 +5,7 @@
 
 #![expect(
     unsafe_code,
-    reason = "a function with a target feature can only be called so; the equilibrium is found 1.4 times faster"
+    reason = "a function with a target feature can only be called so; factoring and solving take 1.7 times as long without it"
 )]
 
 /// Lanes of a kernel.

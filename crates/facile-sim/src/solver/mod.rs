@@ -27,6 +27,9 @@ use lbfgs::Lbfgs;
 use preconditioner::Preconditioner;
 use quasi_static::Walk;
 
+/// Share of the steps of a path that are taken where the whole steps led nowhere.
+const CAREFUL: f64 = 0.3;
+
 /// Which way to the equilibrium.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -242,7 +245,18 @@ fn solve(
             SolverKind::QuasiStatic => {
                 let mut walk = Walk::new(model, pose);
                 let (load, outcome) = walk.go(scratch, 1.0, params)?;
-                (load, walk.x, outcome)
+                if outcome.converged {
+                    (load, walk.x, outcome)
+                } else {
+                    // Once more along a path of shorter steps.
+                    let careful = SolverParams {
+                        continuation_step: CAREFUL * params.continuation_step,
+                        ..*params
+                    };
+                    let mut walk = Walk::new(model, pose);
+                    let (load, outcome) = walk.go(scratch, 1.0, &careful)?;
+                    (load, walk.x, outcome)
+                }
             }
             SolverKind::Verlet | SolverKind::Fire => {
                 let (x, outcome) = if params.kind == SolverKind::Verlet {

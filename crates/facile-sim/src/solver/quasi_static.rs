@@ -215,9 +215,11 @@ impl Stage<'_, '_> {
             iterations += 1;
             since += 1;
             if step == Step::Stalled {
+                // Once more with a fresh matrix and nothing remembered, then it is over.
                 if since == 1 {
                     break (false, residual);
                 }
+                self.lbfgs.reset();
                 since = usize::MAX;
             }
         };
