@@ -289,7 +289,7 @@ fn expected_error(template: &Template<'_>, shape: &Shape, settled: &Settled) -> 
     let n = settled.positions.len();
     let mut known: Vec<[f64; 2]> = (0..n)
         .map(|v| {
-            let unseen = settled.residual[v].is_none() && template.skin[v] > 0.5;
+            let unseen = settled.residual[v].is_none() && template.skin[v] > 0.0;
             [shape.evidence[v].confidence, f64::from(u8::from(unseen))]
         })
         .collect();
