@@ -5,6 +5,7 @@
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
 use facile_core::identity::IdentityModel;
 use facile_core::io::{self, Scan};
@@ -139,6 +140,8 @@ impl Pipeline {
 pub struct Registrations {
     reference: &'static ReferenceHead,
     params: RegistrationParams,
+    /// Made for the first scan that is not in the cache.
+    registrar: OnceLock<Registrar<'static>>,
     cache: Cache,
 }
 
@@ -154,6 +157,7 @@ impl Registrations {
         Self {
             reference: ReferenceHead::embedded(),
             params: RegistrationParams::default(),
+            registrar: OnceLock::new(),
             cache: Cache::of_user(),
         }
     }
@@ -224,7 +228,13 @@ impl Registrations {
         if let Some(registered) = stored.and_then(|bytes| self.read(&bytes, &scan.path)) {
             return Ok(registered);
         }
-        let registrar = Registrar::new(self.reference, self.params.clone())?;
+        let registrar = match self.registrar.get() {
+            Some(registrar) => registrar,
+            None => {
+                let made = Registrar::new(self.reference, self.params.clone())?;
+                self.registrar.get_or_init(|| made)
+            }
+        };
         let mut result = registrar.register(scan)?;
         result.subject.id.clone_from(&scan.name);
         let mut bytes = serde_json::to_vec(&result.report).expect("numbers are plain JSON");

@@ -83,9 +83,9 @@ fn carried([a, b, c]: &[Point3; 3], uv: &[[f32; 2]; 3], p: &Point3) -> [f32; 2] 
     if square <= 0.0 {
         return uv[0];
     }
-    // Far outside the triangle its map says little: at most a few times its size.
-    let v = (ap.cross(&ac).dot(&normal) / square).clamp(-4.0, 5.0) as f32;
-    let w = (ab.cross(&ap).dot(&normal) / square).clamp(-4.0, 5.0) as f32;
+    // A sliver's map runs away: at most a dozen times its size.
+    let v = (ap.cross(&ac).dot(&normal) / square).clamp(-12.0, 13.0) as f32;
+    let w = (ab.cross(&ap).dot(&normal) / square).clamp(-12.0, 13.0) as f32;
     std::array::from_fn(|k| uv[0][k] + (uv[1][k] - uv[0][k]) * v + (uv[2][k] - uv[0][k]) * w)
 }
 

@@ -13,6 +13,7 @@ pub mod normalise;
 pub mod pyramid;
 pub mod radial_map;
 pub mod synthetic;
+pub mod work_precision;
 
 mod adjacency;
 mod blur;
@@ -31,6 +32,7 @@ mod params;
 mod register;
 mod report;
 mod scan;
+mod shading;
 mod surface;
 mod template;
 mod texture;

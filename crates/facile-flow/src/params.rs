@@ -33,6 +33,8 @@ pub struct RegistrationParams {
     pub min_curvature_correlation: f64,
     /// Side of the subject's texture, texels.
     pub texture_size: usize,
+    /// Whether the light baked into the scan's colours is evened out.
+    pub delight: bool,
 }
 
 impl Default for RegistrationParams {
@@ -45,10 +47,11 @@ impl Default for RegistrationParams {
             curvature_sigma_mm: 3.0,
             use_identity: true,
             nearest_rounds: 6,
-            smoothing_mm: vec![30.0, 20.0, 14.0, 14.0],
+            smoothing_mm: vec![30.0, 20.0, 14.0],
             surface_smoothing_mm: vec![12.0, 6.0],
             min_curvature_correlation: 0.25,
             texture_size: 1024,
+            delight: false,
         }
     }
 }

@@ -71,6 +71,14 @@ pub struct Registrar<'a> {
     texels: OnceLock<TexelMap>,
 }
 
+impl std::fmt::Debug for Registrar<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Registrar")
+            .field("params", &self.params)
+            .finish_non_exhaustive()
+    }
+}
+
 impl<'a> Registrar<'a> {
     /// Prepares the operators on `reference`.
     ///
@@ -180,7 +188,13 @@ impl<'a> Registrar<'a> {
         let subject = Subject {
             id: input.name.clone(),
             attributes: Attributes::default(),
-            texture: texture::bake(template, self.texels(), &scan, &settled.positions),
+            texture: texture::bake(
+                template,
+                self.texels(),
+                &scan,
+                &settled.positions,
+                params.delight,
+            ),
             eyes: eyes::place_eyes(template.reference, &settled.positions),
             skull_from_reference: eyes::place_skull(template.reference, &settled.positions),
             eye_color: "brown".to_owned(),
@@ -270,12 +284,12 @@ fn expected_error(template: &Template<'_>, shape: &Shape, settled: &Settled) -> 
     /// Sweeps of averaging: a standard deviation of about 15 mm on the face.
     const SWEEPS: usize = 150;
     const LEAST: f64 = 0.1;
-    const FLAT: f64 = 1.25;
+    const FLAT: f64 = 1.2;
     const UNSEEN: f64 = 3.0;
     let n = settled.positions.len();
     let mut known: Vec<[f64; 2]> = (0..n)
         .map(|v| {
-            let unseen = settled.residual[v].is_none();
+            let unseen = settled.residual[v].is_none() && template.skin[v] > 0.0;
             [shape.evidence[v].confidence, f64::from(u8::from(unseen))]
         })
         .collect();

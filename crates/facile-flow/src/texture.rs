@@ -11,6 +11,7 @@ use facile_core::{Plane, Point3, Segment, Texture, Vector3};
 use rayon::prelude::*;
 
 use crate::scan::WorkingScan;
+use crate::shading::Shading;
 use crate::template::Template;
 
 /// Scan surface further from the registered skin than this lends no colour, mm.
@@ -111,6 +112,7 @@ pub(crate) fn bake(
     map: &TexelMap,
     scan: &WorkingScan<'_>,
     positions: &[Point3],
+    delight: bool,
 ) -> Texture {
     let (width, height) = (map.mean.width(), map.mean.height());
     let finish = |rows: Vec<[u8; 3]>| Texture::new(width, height, rows);
@@ -124,7 +126,7 @@ pub(crate) fn bake(
         near_border: scan.distance_from_border(),
     };
     // Colours at the vertices give the tone, and the texels around them a place to start from.
-    let at_vertices: Vec<Found> = (0..positions.len())
+    let mut at_vertices: Vec<Found> = (0..positions.len())
         .into_par_iter()
         .map(|v| {
             if allowed[v] <= 0.0 {
@@ -133,6 +135,15 @@ pub(crate) fn bake(
             lookup.find(&positions[v], &normals[v])
         })
         .collect();
+    // Factors that even the light out, by vertex.
+    let even = if delight {
+        even_light(template, &normals, &at_vertices)
+    } else {
+        vec![1.0; positions.len()]
+    };
+    for (found, factor) in at_vertices.iter_mut().zip(&even) {
+        found.color = found.color.map(|c| c * factor);
+    }
     let (tone, trust) = tone(template, &at_vertices, &allowed);
     let tone: Vec<[f32; 3]> = tone.iter().map(|t| t.map(|v| v as f32).into()).collect();
     let trust: Vec<f32> = trust.iter().map(|t| *t as f32).collect();
@@ -171,12 +182,33 @@ pub(crate) fn bake(
                     lookup.follow(start, &Point3::from(at), &normal)
                 });
                 let own = own * found.trust;
+                let factor = (0..3)
+                    .map(|k| share[k] as f32 * even[corners[k]])
+                    .sum::<f32>();
                 *texel = encode(std::array::from_fn(|c| {
-                    filled[c] * (1.0 - own) + found.color[c] * own
+                    filled[c] * (1.0 - own) + found.color[c] * factor * own
                 }));
             }
         });
     finish(texels)
+}
+
+/// Factors that take out the shading the scan was lit with.
+fn even_light(template: &Template<'_>, normals: &[Vector3], found: &[Found]) -> Vec<f32> {
+    let brightness = |c: [f64; 3]| 0.2126 * c[0] + 0.7152 * c[1] + 0.0722 * c[2] + DARK;
+    let samples: Vec<(Vector3, f64, f64)> = (0..found.len())
+        .filter(|&v| found[v].trust > 0.0 && template.face[v])
+        .map(|v| {
+            let own = brightness(found[v].color.map(|c| f64::from(c.max(0.0))));
+            let mean = brightness(template.colors[v].into());
+            let weight = f64::from(found[v].trust) * template.areas[v];
+            (normals[v], libm::log(own / mean), weight)
+        })
+        .collect();
+    match Shading::fit(&samples) {
+        Some(shading) => normals.iter().map(|n| shading.inverse(n) as f32).collect(),
+        None => vec![1.0; found.len()],
+    }
 }
 
 fn mix(corners: &[usize; 3], share: &[f64; 3], value: impl Fn(usize) -> Vector3) -> Vector3 {

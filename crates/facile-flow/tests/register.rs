@@ -186,3 +186,55 @@ fn equal_scans_give_equal_bits_for_any_number_of_threads() {
     assert_eq!(one.subject, many.subject);
     assert_eq!(one.report, many.report);
 }
+
+#[test]
+fn light_baked_into_the_scan_is_evened_out_on_request() {
+    use facile_flow::synthetic::{Scanner, scan_of};
+    let reference = ReferenceHead::embedded();
+    let mut subject = facile_core::IdentityModel::embedded()
+        .sample(reference, 5, 1)
+        .expect("a person");
+    subject.texture = reference.texture.clone();
+    let scanner = Scanner {
+        cell_mm: 2.2,
+        ..Scanner::default()
+    };
+    let mut known = scan_of(reference, &subject, &scanner);
+    let mesh = &mut known.scan.mesh;
+    let normals = mesh.vertex_normals();
+    for (color, n) in mesh.colors.iter_mut().zip(&normals) {
+        let shade = (0.5 + 0.5 * n.x) as f32;
+        *color = color.map(|c| c * shade);
+    }
+    // Brightness of the left cheek against the right one.
+    let imbalance = |delight: bool| {
+        let params = RegistrationParams {
+            texture_size: 256,
+            delight,
+            ..RegistrationParams::default()
+        };
+        let registrar = Registrar::new(reference, params).expect("registrar");
+        let texture = registrar
+            .register(&known.scan)
+            .expect("a face")
+            .subject
+            .texture;
+        let mut sides = [0.0_f64; 2];
+        for (t, uv) in reference
+            .mesh
+            .triangles
+            .iter()
+            .zip(&reference.mesh.texcoord_triangles)
+        {
+            let p = reference.mesh.positions[t[0] as usize];
+            if (35.0..50.0).contains(&p.x.abs()) && (-60.0..-25.0).contains(&p.y) && p.z > 30.0 {
+                let [r, g, b] = texture.sample(reference.mesh.texcoords[uv[0] as usize]);
+                sides[usize::from(p.x > 0.0)] += f64::from(r + g + b);
+            }
+        }
+        libm::fabs(libm::log(sides[1] / sides[0]))
+    };
+    let (as_scanned, evened) = (imbalance(false), imbalance(true));
+    assert!(as_scanned > 0.6, "{as_scanned}");
+    assert!(evened < 0.25 * as_scanned, "{evened} against {as_scanned}");
+}
