@@ -1,5 +1,10 @@
 //! Times of the physics on the mean head: building a model, cold solves from mild to extreme, a ladder of intensities.
 
+#![allow(
+    missing_docs,
+    reason = "criterion's macros make public functions without them"
+)]
+
 use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};

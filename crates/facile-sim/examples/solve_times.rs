@@ -8,100 +8,110 @@
 use std::error::Error;
 use std::time::Instant;
 
-use facile_core::ReferenceHead;
 use facile_core::identity::IdentityModel;
+use facile_core::{Point3, ReferenceHead, Subject, Vector3};
+use facile_sim::stress::stress;
+use facile_sim::work_precision::largest_distance;
 use facile_sim::{
-    ExpressionSet, FaceRig, MuscleSet, Pose, Solver, SolverKind, SolverParams, mean_subject,
+    Equilibrium, ExpressionSet, FaceRig, MuscleSet, Pose, Solver, SolverKind, SolverParams,
+    mean_subject,
 };
 
-fn main() -> Result<(), Box<dyn Error>> {
-    let mut identities = 0;
-    let mut seed = 7;
-    let mut repeat = 1;
-    let mut muscles = MuscleSet::embedded().clone();
-    let mut expressions = ExpressionSet::embedded().clone();
-    let mut compare = false;
-    let mut random = None;
-    let mut moderate = false;
-    let mut params = SolverParams::default();
-    let mut names = Vec::new();
+struct Options {
+    identities: u64,
+    seed: u64,
+    repeat: u64,
+    compare: bool,
+    random: Option<usize>,
+    moderate: bool,
+    params: SolverParams,
+    muscles: MuscleSet,
+    expressions: ExpressionSet,
+    names: Vec<String>,
+}
+
+fn options() -> Result<Options, Box<dyn Error>> {
+    let mut o = Options {
+        identities: 0,
+        seed: 7,
+        repeat: 1,
+        compare: false,
+        random: None,
+        moderate: false,
+        params: SolverParams::default(),
+        muscles: MuscleSet::embedded().clone(),
+        expressions: ExpressionSet::embedded().clone(),
+        names: Vec::new(),
+    };
     let mut args = std::env::args().skip(1);
     while let Some(arg) = args.next() {
-        let mut number = || {
-            args.next()
-                .ok_or("a number is missing")?
-                .parse::<u64>()
-                .map_err(Box::<dyn Error>::from)
-        };
+        let mut value = || args.next().ok_or(format!("{arg} needs a value"));
         match arg.as_str() {
-            "--identities" => identities = number()?,
-            "--seed" => seed = number()?,
-            "--repeat" => repeat = number()?,
-            "--compare" => compare = true,
-            "--random" => random = Some(number()?),
-            "--moderate" => moderate = true,
+            "--identities" => o.identities = value()?.parse()?,
+            "--seed" => o.seed = value()?.parse()?,
+            "--repeat" => o.repeat = value()?.parse()?,
+            "--compare" => o.compare = true,
+            "--random" => o.random = Some(value()?.parse()?),
+            "--moderate" => o.moderate = true,
+            "--tolerance" => o.params.tolerance = value()?.parse()?,
+            "--step" => o.params.continuation_step = value()?.parse()?,
+            "--solver" => {
+                let kind = value()?;
+                let all = SolverKind::ALL.iter();
+                let kind = all.copied().find(|k| k.name() == kind);
+                o.params = SolverParams::of(kind.ok_or("an unknown solver")?);
+            }
             "--muscles" => {
-                let file = args.next().ok_or("a file is missing")?;
-                muscles = MuscleSet::parse(&std::fs::read_to_string(&file)?, &file)?;
+                let file = value()?;
+                o.muscles = MuscleSet::parse(&std::fs::read_to_string(&file)?, &file)?;
             }
             "--expressions" => {
-                let file = args.next().ok_or("a file is missing")?;
-                expressions = ExpressionSet::parse(&std::fs::read_to_string(&file)?, &file)?;
+                let file = value()?;
+                o.expressions = ExpressionSet::parse(&std::fs::read_to_string(&file)?, &file)?;
             }
-            "--solver" => {
-                let kind = args.next().ok_or("a solver is missing")?;
-                let all = SolverKind::ALL;
-                let kind = all
-                    .iter()
-                    .find(|k| k.name() == kind)
-                    .ok_or("an unknown solver")?;
-                params = SolverParams::of(*kind);
-            }
-            "--tolerance" => {
-                params.tolerance = args.next().ok_or("a number is missing")?.parse()?
-            }
-            "--step" => {
-                params.continuation_step = args.next().ok_or("a number is missing")?.parse()?
-            }
-            name => names.push(name.to_owned()),
+            name => o.names.push(name.to_owned()),
         }
     }
-    let reference = ReferenceHead::embedded();
-    if let Some(count) = random {
-        let rig = FaceRig::new(reference, &muscles)?;
-        eprintln!(
-            "{:#?}",
-            facile_sim::stress::stress(&rig, reference, seed, count as usize, 3, moderate)?
-        );
-        return Ok(());
-    }
-    let start = Instant::now();
-    let rig = FaceRig::new(reference, &muscles)?;
-    eprintln!(
-        "rig: {:.1} ms, {} free nodes",
-        ms(start),
-        rig.template().free_count()
-    );
-    let mut subjects = vec![mean_subject(reference)];
-    for number in 0..identities {
-        subjects.push(IdentityModel::embedded().sample(reference, seed, number)?);
-    }
-    let mut poses: Vec<(String, Pose)> = Vec::new();
-    for e in expressions.expressions() {
-        if names.is_empty() || names.contains(&e.name) {
-            poses.push((e.name.clone(), e.pose(&muscles)?));
+    Ok(o)
+}
+
+fn poses(o: &Options) -> Result<Vec<(String, Pose)>, Box<dyn Error>> {
+    let mut poses = Vec::new();
+    for e in o.expressions.expressions() {
+        if o.names.is_empty() || o.names.contains(&e.name) {
+            poses.push((e.name.clone(), e.pose(&o.muscles)?));
         }
     }
-    for name in &names {
+    for name in &o.names {
         if let Some((key, c)) = name.split_once('=') {
             let mut pose = Pose::default();
             match key {
                 "jaw" => pose.jaw.open_rad = c.parse::<f64>()?.to_radians(),
-                _ => pose.set(&muscles, key, c.parse()?)?,
+                _ => pose.set(&o.muscles, key, c.parse()?)?,
             }
             poses.push((name.clone(), pose));
         }
     }
+    Ok(poses)
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let o = options()?;
+    let reference = ReferenceHead::embedded();
+    let start = Instant::now();
+    let rig = FaceRig::new(reference, &o.muscles)?;
+    let nodes = rig.template().free_count();
+    eprintln!("rig: {:.1} ms, {nodes} free nodes", ms(start));
+    if let Some(count) = o.random {
+        let report = stress(&rig, reference, o.seed, count, 3, o.moderate)?;
+        eprintln!("{report:#?}");
+        return Ok(());
+    }
+    let mut subjects = vec![mean_subject(reference)];
+    for number in 0..o.identities {
+        subjects.push(IdentityModel::embedded().sample(reference, o.seed, number)?);
+    }
+    let poses = poses(&o)?;
     let mut solver = Solver::new();
     let mut failed = 0;
     for subject in &subjects {
@@ -110,49 +120,47 @@ fn main() -> Result<(), Box<dyn Error>> {
         eprintln!("{}: model {:.1} ms", subject.id, ms(start));
         for (name, pose) in &poses {
             let mut times = Vec::new();
-            let mut result = None;
-            for _ in 0..repeat {
+            let mut result = Err("no repeats".to_owned());
+            for _ in 0..o.repeat {
                 let start = Instant::now();
-                result = Some(solver.solve(&model, pose, &params));
+                let found = solver.solve(&model, pose, &o.params);
                 times.push(ms(start));
+                result = found.map_err(|e| e.to_string());
             }
             times.sort_by(f64::total_cmp);
-            let time = times[times.len() / 2];
-            match result {
-                Some(Ok(face)) => {
-                    let mut away = String::new();
-                    if compare {
-                        let other = solver.solve(&model, pose, &SolverParams::default())?;
-                        let pairs = face.nodes.iter().zip(&other.nodes);
-                        let far = pairs.map(|(p, q)| (p - q).norm()).fold(0.0, f64::max);
-                        away = format!(", {far:.5} mm from the default");
-                    }
-                    let mark = |p: &[facile_core::Point3], k: usize| {
-                        let scheme = reference.scheme("ibug68").expect("built in");
-                        scheme.points[k].position(p, &reference.mesh.triangles)
-                    };
-                    let moved = |k| mark(&face.positions, k) - mark(&subject.positions, k);
-                    let (corner, brow) = (moved(54), moved(22));
-                    eprintln!(
-                        "  {name:12} {time:8.1} ms  {}{away}; corner {:.1} {:.1} {:.1}, inner brow {:.1} {:.1}",
-                        show(&face.certificate),
-                        corner.x,
-                        corner.y,
-                        corner.z,
-                        brow.x,
-                        brow.y
-                    );
-                }
-                Some(Err(e)) => {
+            let time = times.get(times.len() / 2).copied().unwrap_or(0.0);
+            let text = match result {
+                Err(e) => {
                     failed += 1;
-                    eprintln!("  {name:12} {time:8.1} ms  FAILED {e}");
+                    format!("FAILED {e}")
                 }
-                None => {}
-            }
+                Ok(face) if o.compare => {
+                    let other = solver.solve(&model, pose, &SolverParams::default())?;
+                    let far = largest_distance(&face, &other);
+                    format!("{}, {far:.5} mm from the default", show(&face.certificate))
+                }
+                Ok(face) => {
+                    let (corner, brow) = (moved(&face, subject, 54), moved(&face, subject, 22));
+                    let shown = show(&face.certificate);
+                    format!(
+                        "{shown}; corner {:.1} {:.1} {:.1}, inner brow {:.1} {:.1}",
+                        corner.x, corner.y, corner.z, brow.x, brow.y
+                    )
+                }
+            };
+            eprintln!("  {name:12} {time:8.1} ms  {text}");
         }
     }
     eprintln!("{failed} failed");
     Ok(())
+}
+
+/// Motion of an ibug-68 landmark, mm.
+fn moved(face: &Equilibrium, subject: &Subject, mark: usize) -> Vector3 {
+    let reference = ReferenceHead::embedded();
+    let scheme = reference.scheme("ibug68").expect("built in");
+    let at = |p: &[Point3]| scheme.points[mark].position(p, &reference.mesh.triangles);
+    at(&face.positions) - at(&subject.positions)
 }
 
 fn show(c: &facile_sim::Certificate) -> String {

@@ -73,7 +73,7 @@ pub fn stress(
     let mut report = StressReport::default();
     let mut person: Option<Result<FaceModel, SimError>> = None;
     for number in 0..count {
-        if number % per_subject.max(1) == 0 {
+        if number.is_multiple_of(per_subject.max(1)) {
             let index = (number / per_subject.max(1)) as u64;
             let subject: Subject = IdentityModel::embedded().sample(reference, seed, index)?;
             person = Some(rig.model(reference, &subject));

@@ -165,7 +165,7 @@ fn node_stiffness(load: &Load<'_>) -> Vec<f64> {
         .zip(elements.kappa.iter().zip(&elements.volume))
     {
         // A node's slope of the volume is about a third of the area, volume over height.
-        let slope = (volume.abs() / 3.0).powf(2.0 / 3.0);
+        let slope = libm::pow(volume.abs() / 3.0, 2.0 / 3.0);
         for &i in nodes {
             k[i as usize] += elements.shape_stiffness + MOST_STIFFENING * kappa * slope * slope;
         }

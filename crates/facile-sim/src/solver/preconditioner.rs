@@ -105,8 +105,6 @@ pub(crate) struct Preconditioner {
     frames: Vec<M3>,
     /// For nodes that rested when the matrix was factored, one over the stiffness they would have had, else 0.
     held: Vec<f64>,
-    /// How many times the matrix was factored.
-    pub(crate) factors: usize,
 }
 
 impl Preconditioner {
@@ -118,7 +116,6 @@ impl Preconditioner {
             sides: vec![[0.0; LANES]; system.nodes.len()],
             frames: Vec::new(),
             held: vec![0.0; system.diagonal.len()],
-            factors: 0,
         }
     }
 
@@ -163,7 +160,6 @@ impl Preconditioner {
             *entry = lanes(|l| entry[l] + value[l]);
             entry[3] = 1.0;
         }
-        self.factors += 1;
         self.factor.refactor(
             &system.pattern,
             "equilibrium",
