@@ -3,6 +3,7 @@
 //! [`SceneFile`] is the file as written, unknown keys refused; [`render`](render_scene_file) makes the images, label maps
 //! and timings. Paths in the file are relative to its folder. Colours are 8-bit sRGB.
 
+mod bench;
 mod load;
 mod obj_normals;
 mod render;
@@ -19,6 +20,7 @@ use crate::gbuffer::Truth;
 use crate::light::LightSource;
 use crate::sampling::Samples;
 
+pub use bench::{BenchRow, bench_scene_file};
 pub use render::render_scene_file;
 pub use timing::{Spread, TimingReport};
 

@@ -78,7 +78,11 @@ pub fn render_scene_file(
     Ok(report)
 }
 
-fn load_scene(file: &SceneFile, folder: &Path) -> Result<(Scene, TimingReport), TraceError> {
+/// The scene of a file, and what reading and building took.
+pub(super) fn load_scene(
+    file: &SceneFile,
+    folder: &Path,
+) -> Result<(Scene, TimingReport), TraceError> {
     let background = Rgb::from(
         file.image
             .background
@@ -183,7 +187,8 @@ fn material(
     })
 }
 
-fn rest_positions(scene: &Scene) -> Vec<Vec<Point3>> {
+/// Where the vertices of each object are, mm.
+pub(super) fn rest_positions(scene: &Scene) -> Vec<Vec<Point3>> {
     let positions = |o: &Object| {
         o.geometry()
             .positions()
@@ -195,7 +200,7 @@ fn rest_positions(scene: &Scene) -> Vec<Vec<Point3>> {
 }
 
 /// Every vertex moved; the same for the same frame on every run.
-fn jittered(rest: &[Vec<Point3>], amplitude: f64, frame: u32) -> Vec<Vec<Point3>> {
+pub(super) fn jittered(rest: &[Vec<Point3>], amplitude: f64, frame: u32) -> Vec<Vec<Point3>> {
     let mut stream = RandomStream::new(0, u64::from(frame));
     let mut moved = |p: &Point3| p.map(|v| v + stream.uniform(-amplitude, amplitude));
     rest.iter()
@@ -277,7 +282,7 @@ fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), TraceErr
     write_bytes(path, text.as_bytes())
 }
 
-fn milliseconds(duration: Duration) -> f64 {
+pub(super) fn milliseconds(duration: Duration) -> f64 {
     duration.as_secs_f64() * 1e3
 }
 
