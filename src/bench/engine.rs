@@ -19,15 +19,16 @@ fn recipe(case: &Case) -> Result<Recipe, Error> {
             )
         })
         .collect();
-    let lights: String = (0..case.lights)
+    let lights: Vec<String> = (0..case.lights)
         .map(|k| {
+            let x = -500 + 200 * i64::from(k);
             format!(
-                "[[light]]\nname = \"l{k}\"\nsources = [{{ kind = \"point\", position = [{}, 250, 700] }}, \
-                 {{ kind = \"ambient\", intensity = 0.2 }}]\n",
-                -500 + 200 * i64::from(k)
+                "[[light]]\nname = \"l{k}\"\nsources = [{{ kind = \"point\", position = [{x}, 250, 700] }}, \
+                 {{ kind = \"ambient\", intensity = 0.2 }}]\n"
             )
         })
         .collect();
+    let lights = lights.concat();
     let text = format!(
         "[dataset]\nname = \"bench\"\nseed = 1\n[image]\nsize = [{0}, {0}]\nsamples = 1\n\
          truth = [\"landmarks\", \"segments\", \"depth\"]\n[subjects]\nsampled = {1}\n\

@@ -37,9 +37,10 @@ impl Field {
             Self::Number(n) if *n == 0.0 || (1e-3..1e6).contains(&n.abs()) => {
                 let digits = (3 - n.abs().max(1e-9).log10().floor() as i32).clamp(0, 6) as usize;
                 let fixed = format!("{n:.digits$}");
-                match fixed.contains('.') {
-                    true => fixed.trim_end_matches('0').trim_end_matches('.').to_owned(),
-                    false => fixed,
+                if fixed.contains('.') {
+                    fixed.trim_end_matches('0').trim_end_matches('.').to_owned()
+                } else {
+                    fixed
                 }
             }
             Self::Number(n) => format!("{n:.2e}"),

@@ -152,7 +152,7 @@ impl Folder {
         let failed: u64 = failures.iter().map(|f: &Failure| f.samples).sum();
         let card = tally.card(&self.manifest, failed);
         let croissant = tally.croissant(&self.manifest, &annotations);
-        let croissant = serde_json::to_string_pretty(&croissant).expect("plain JSON") + "\n";
+        let croissant = format!("{croissant:#}\n");
         let mut listed = vec![annotations];
         listed.push(self.write(CARD, card.as_bytes())?);
         listed.push(self.write(CROISSANT, croissant.as_bytes())?);

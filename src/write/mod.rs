@@ -20,7 +20,7 @@ pub use folder::{ANNOTATIONS, CHECKSUMS, Folder, finished};
 pub use journal::{FileEntry, Journal};
 pub use manifest::{Failure, MANIFEST, Manifest};
 pub use merge::merge;
-pub use sample::{EncodedSample, Encoder, image_name, map_name};
+pub use sample::{EncodedMaps, EncodedSample, Encoder, image_name, map_name};
 pub use unit::UnitWriter;
 pub use webdataset::{WEBDATASET, tar_name};
 

@@ -12,6 +12,9 @@ use crate::pipeline::{Maps, Sample};
 use crate::recipe::Recipe;
 use crate::recipe::file::{Encoding, Format};
 
+/// Kind and PNG of each map of a view.
+pub type EncodedMaps = Arc<Vec<(&'static str, Vec<u8>)>>;
+
 /// A sample in the bytes of its files.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct EncodedSample {
@@ -26,7 +29,7 @@ pub struct EncodedSample {
     /// The image.
     pub image: Vec<u8>,
     /// Kind and PNG of each map; shared by the samples that differ in light alone.
-    pub maps: Arc<Vec<(&'static str, Vec<u8>)>>,
+    pub maps: EncodedMaps,
     /// Whether the maps' files in a folder are named after this sample.
     pub owns_maps: bool,
 }
@@ -74,7 +77,7 @@ pub struct Encoder<'a> {
     recipe: &'a Recipe,
     /// Whether every sample is stored with its maps, not only the first of a view.
     all_have_maps: bool,
-    last: Option<(Arc<Maps>, Arc<Vec<(&'static str, Vec<u8>)>>)>,
+    last: Option<(Arc<Maps>, EncodedMaps)>,
 }
 
 impl<'a> Encoder<'a> {
@@ -109,7 +112,7 @@ impl<'a> Encoder<'a> {
         })
     }
 
-    fn maps(&mut self, maps: &Arc<Maps>) -> Result<Arc<Vec<(&'static str, Vec<u8>)>>, Error> {
+    fn maps(&mut self, maps: &Arc<Maps>) -> Result<EncodedMaps, Error> {
         if let Some((of, encoded)) = &self.last
             && Arc::ptr_eq(of, maps)
         {

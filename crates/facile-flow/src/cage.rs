@@ -141,13 +141,13 @@ impl CageFit {
             slot_starts.push(slots.len() as u32);
         }
         Ok(Self {
-            slots,
-            slot_starts,
             pattern,
             symbolic,
             bending,
             stretching,
             fixed,
+            slots,
+            slot_starts,
         })
     }
 

@@ -84,7 +84,7 @@ pub fn displacement_field(
                 solve_alone(&mut v, &normal);
             }
             if level == 0 && warp + 1 == params.warps.max(1) {
-                confidence = normal.map(|n| determinacy(n));
+                confidence = normal.map(determinacy);
             }
         }
         field = Some(v);

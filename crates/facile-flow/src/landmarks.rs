@@ -131,9 +131,10 @@ mod tests {
         let ljson = format!(
             "{{\"version\": 3, \"labels\": [{{\"label\": \"all\", \"mask\": [0, 1]}}], \"landmarks\": {{\"points\": {list}}}}}"
         );
-        let pts: String = (five().iter())
+        let lines: Vec<String> = (five().iter())
             .map(|p| format!("{} {} {}\n", p.x, p.y, p.z))
             .collect();
+        let pts = lines.concat();
         let pts = format!("version: 1\nn_points: 5\n{{\n{pts}}}\n");
         let expected = ScanLandmarks::new(five()).expect("five points");
         for text in [list, ljson, pts] {

@@ -89,7 +89,7 @@ pub fn settings() -> Vec<(&'static str, String, RegistrationParams)> {
     });
     variant("no normals", &|p| p.weights.normal = 0.0);
     variant("no step onto the surface", &|p| {
-        p.surface_smoothing_mm.clear()
+        p.surface_smoothing_mm.clear();
     });
     all
 }

@@ -202,7 +202,7 @@ impl Gathered {
     ) -> Texels {
         let mut texels = Texels::default();
         let mut size = [Eight([1.0; LANES]); 2];
-        let texture_of = |material: &Option<&'_ Material>| match material {
+        let texture_of = |material: Option<&Material>| match material {
             Some(Material {
                 albedo: Albedo::Texture { texture, .. },
                 ..
@@ -210,7 +210,7 @@ impl Gathered {
             _ => None,
         };
         for (lane, material) in materials.iter().enumerate() {
-            if let Some((width, height)) = texture_of(material) {
+            if let Some((width, height)) = texture_of(*material) {
                 (size[0].0[lane], size[1].0[lane]) = (width as f32, height as f32);
             }
         }

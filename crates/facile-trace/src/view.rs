@@ -208,7 +208,7 @@ fn trace_behind(scene: &Scene, camera: &Camera, centers: &PixelHits) -> Vec<Hit>
         Layer::BehindOccluders,
         &mut found,
     );
-    let mut behind = hits.to_vec();
+    let mut behind = hits.clone();
     for (i, hit) in covered.into_iter().zip(found) {
         behind[i] = hit;
     }

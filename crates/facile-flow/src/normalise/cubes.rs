@@ -62,7 +62,7 @@ impl Cubes {
             let longest = (b - a).norm().max((c - b).norm()).max((a - c).norm());
             let steps = ((longest / SIDE).ceil() as u32).min(12);
             for i in 1..steps {
-                for j in 1..steps - i + 1 {
+                for j in 1..=steps - i {
                     let (v, w) = (
                         f64::from(i) / f64::from(steps),
                         f64::from(j) / f64::from(steps),
