@@ -8,13 +8,17 @@ use crate::Error;
 
 mod curve;
 mod engine;
+mod flow;
 mod sim;
 mod table;
+mod trace;
 
 pub use curve::{Axis, Curve};
 pub use engine::engine;
+pub use flow::flow;
 pub use sim::sim;
 pub use table::{Field, Table};
+pub use trace::trace;
 
 /// How long a benchmark may take.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

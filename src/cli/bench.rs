@@ -14,6 +14,12 @@ pub(super) struct Arguments {
     /// Folder for the tables (CSV) and plots (SVG).
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
+    /// Scene file for `trace`, which is left out without one.
+    #[arg(long, value_name = "SCENE")]
+    scene: Option<PathBuf>,
+    /// Image that the scene should give; its own rendering with 256 samples if not given.
+    #[arg(long, value_name = "IMAGE", requires = "scene")]
+    reference: Option<PathBuf>,
     /// Only see that it runs: few repetitions, few cases.
     #[arg(long)]
     quick: bool,
@@ -21,8 +27,12 @@ pub(super) struct Arguments {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum What {
+    /// Registration: error against time, on people of known truth.
+    Flow,
     /// Solvers: error against time, and random poses.
     Sim,
+    /// The tracer: error against time on a scene file.
+    Trace,
     /// Whole runs: images a second.
     Gen,
 }
@@ -35,11 +45,19 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<u8> {
     };
     let mut what = arguments.what.clone();
     if what.is_empty() {
-        what = vec![What::Sim, What::Gen];
+        what = vec![What::Flow, What::Sim, What::Trace, What::Gen];
     }
     for what in what {
         let findings = match what {
+            What::Flow => bench::flow(effort)?,
             What::Sim => bench::sim(effort)?,
+            What::Trace => match &arguments.scene {
+                Some(scene) => bench::trace(scene, arguments.reference.as_deref(), effort)?,
+                None => {
+                    output::note(&"trace is left out: give a scene file with --scene");
+                    continue;
+                }
+            },
             What::Gen => bench::engine(effort)?,
         };
         tell(&findings);

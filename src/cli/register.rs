@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use facile::core::ReferenceHead;
+use facile::flow::RegistrationParams;
 use facile::pipeline::Registrations;
 
 use super::{DONE, output};
@@ -20,6 +21,13 @@ pub(super) struct Arguments {
     /// Image to take as the scan's texture instead of what the file names.
     #[arg(long, value_name = "FILE")]
     texture: Option<PathBuf>,
+    /// Points of the face in the scan's coordinates: 5 (eyes, nose tip, corners of the mouth; the person's right first)
+    /// or the 68 of ibug, as JSON lists or lines of three numbers. They give the pose, from any direction.
+    #[arg(long, value_name = "FILE")]
+    landmarks: Option<PathBuf>,
+    /// Even out the light that is baked into the scan's colours.
+    #[arg(long)]
+    delight: bool,
 }
 
 /// Names the scan in errors that do not.
@@ -32,8 +40,12 @@ fn about(scan: &Path, error: facile::Error) -> anyhow::Error {
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<u8> {
     let texture = arguments.texture.as_deref();
-    let registered = Registrations::new()
-        .scan(&arguments.scan, texture)
+    let params = RegistrationParams {
+        delight: arguments.delight,
+        ..RegistrationParams::default()
+    };
+    let registered = Registrations::with(params)
+        .scan(&arguments.scan, texture, arguments.landmarks.as_deref())
         .map_err(|e| about(&arguments.scan, e))?;
     for notice in &registered.notices {
         output::note(notice);

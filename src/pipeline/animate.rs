@@ -42,7 +42,7 @@ impl Pipeline {
         let Some(model) = person.model.as_ref().filter(|_| !pose.is_neutral()) else {
             return Ok(at_rest());
         };
-        let solved = solver.solve(model, pose, &SolverParams::default())?;
+        let solved = solver.solve(model, pose, &SolverParams::of(self.recipe().solver))?;
         Ok(Face {
             positions: solved.positions,
             jaw: solved.jaw,

@@ -15,6 +15,7 @@ mod worker;
 use std::collections::BTreeSet;
 
 use facile_core::{LandmarkScheme, ReferenceHead};
+use facile_flow::RegistrationParams;
 use facile_sim::{FaceRig, MuscleSet};
 
 pub use animate::Face;
@@ -61,7 +62,10 @@ impl Pipeline {
             rig: rig.transpose()?,
             schemes,
             face_vertices: face_vertices(reference),
-            registrations: Registrations::new(),
+            registrations: Registrations::with(RegistrationParams {
+                delight: recipe.subjects.delight,
+                ..RegistrationParams::default()
+            }),
             recipe,
         })
     }

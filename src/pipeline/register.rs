@@ -10,7 +10,7 @@ use std::sync::OnceLock;
 use facile_core::identity::IdentityModel;
 use facile_core::io::{self, Scan};
 use facile_core::{ReferenceHead, Subject, builtin};
-use facile_flow::{Registrar, RegistrationParams, RegistrationReport};
+use facile_flow::{Registrar, RegistrationParams, RegistrationReport, ScanLandmarks};
 use facile_sim::FaceModel;
 
 use super::Pipeline;
@@ -74,7 +74,7 @@ impl Pipeline {
     pub fn person(&self, subject: u64) -> Result<Person, Error> {
         let source = self.recipe().subjects.get(subject);
         let (kind, registered) = match &source {
-            SubjectSource::Scan { file } => ("scan", self.registrations.scan(file, None)?),
+            SubjectSource::Scan { file } => ("scan", self.registrations.scan(file, None, None)?),
             SubjectSource::Builtin { name } => ("builtin", self.registrations.builtin(name)?),
             SubjectSource::Sampled { number } => {
                 ("sampled", Registered::sampled(self.recipe().seed, *number)?)
@@ -154,19 +154,30 @@ impl Default for Registrations {
 impl Registrations {
     /// With default settings and the user's cache.
     pub fn new() -> Self {
+        Self::with(RegistrationParams::default())
+    }
+
+    /// With the user's cache.
+    pub fn with(params: RegistrationParams) -> Self {
         Self {
             reference: ReferenceHead::embedded(),
-            params: RegistrationParams::default(),
+            params,
             registrar: OnceLock::new(),
             cache: Cache::of_user(),
         }
     }
 
-    /// The subject of a scan file, or of a file that holds a subject already. `texture` replaces what the file names.
+    /// The subject of a scan file, or of a file that holds a subject already. `texture` replaces what the file names;
+    /// `landmarks` is a file of points in the scan's coordinates, see [`ScanLandmarks::parse`].
     ///
     /// # Errors
     /// [`Error::Core`] for a file that cannot be read, [`Error::Flow`] for a scan that shows no face.
-    pub fn scan(&self, file: &Path, texture: Option<&Path>) -> Result<Registered, Error> {
+    pub fn scan(
+        &self,
+        file: &Path,
+        texture: Option<&Path>,
+        landmarks: Option<&Path>,
+    ) -> Result<Registered, Error> {
         let bytes = io::read_file(file)?;
         if io::is_subject(&bytes) {
             return Ok(Registered {
@@ -176,7 +187,18 @@ impl Registrations {
             });
         }
         let scan = io::load_scan(file, texture)?;
-        let mut registered = self.register(&scan)?;
+        let landmarks = match landmarks {
+            Some(path) => {
+                let text = String::from_utf8_lossy(&io::read_file(path)?).into_owned();
+                let parsed = ScanLandmarks::parse(&text).map_err(|e| Error::Dataset {
+                    path: path.to_owned(),
+                    reason: e.to_string(),
+                })?;
+                Some(parsed)
+            }
+            None => None,
+        };
+        let mut registered = self.register(&scan, landmarks.as_ref())?;
         registered.notices.extend(
             scan.notices
                 .iter()
@@ -191,7 +213,7 @@ impl Registrations {
     /// [`Error::Core`] for an unknown name.
     pub fn builtin(&self, name: &str) -> Result<Registered, Error> {
         let (scan, attributes) = builtin::load(name)?;
-        let mut registered = self.register(&scan)?;
+        let mut registered = self.register(&scan, None)?;
         if let Some(color) = &attributes.eye_color
             && self.reference.eye_textures.contains_key(color)
         {
@@ -208,7 +230,7 @@ impl Registrations {
     pub fn named(&self, word: &str) -> Result<Registered, Error> {
         match word.strip_prefix("builtin:") {
             Some(name) => self.builtin(name),
-            None => self.scan(Path::new(word), None),
+            None => self.scan(Path::new(word), None, None),
         }
     }
 
@@ -219,11 +241,15 @@ impl Registrations {
             SubjectSource::Builtin { name } => builtin::load(name).ok().map(|(scan, _)| scan),
             SubjectSource::Sampled { .. } => None,
         };
-        scan.is_some_and(|scan| self.cache.get(&self.key(&scan)).is_some())
+        scan.is_some_and(|scan| self.cache.get(&self.key(&scan, None)).is_some())
     }
 
-    fn register(&self, scan: &Scan) -> Result<Registered, Error> {
-        let key = self.key(scan);
+    fn register(
+        &self,
+        scan: &Scan,
+        landmarks: Option<&ScanLandmarks>,
+    ) -> Result<Registered, Error> {
+        let key = self.key(scan, landmarks);
         let stored = self.cache.get(&key);
         if let Some(registered) = stored.and_then(|bytes| self.read(&bytes, &scan.path)) {
             return Ok(registered);
@@ -235,7 +261,7 @@ impl Registrations {
                 self.registrar.get_or_init(|| made)
             }
         };
-        let mut result = registrar.register(scan)?;
+        let mut result = registrar.register_with(scan, landmarks)?;
         result.subject.id.clone_from(&scan.name);
         let mut bytes = serde_json::to_vec(&result.report).expect("numbers are plain JSON");
         bytes.push(b'\n');
@@ -257,7 +283,7 @@ impl Registrations {
     }
 
     /// The hash of everything a registration depends on.
-    fn key(&self, scan: &Scan) -> blake3::Hash {
+    fn key(&self, scan: &Scan, landmarks: Option<&ScanLandmarks>) -> blake3::Hash {
         let mut hasher = blake3::Hasher::new();
         let params = serde_json::to_vec(&self.params).expect("numbers are plain JSON");
         hasher
@@ -277,6 +303,9 @@ impl Registrations {
         };
         let positions = mesh.positions.iter().flat_map(|p| [p.x, p.y, p.z]);
         add(&mut positions.flat_map(halves).map(u32::to_le_bytes));
+        let points = landmarks.into_iter().flat_map(ScanLandmarks::points);
+        let coordinates = points.flat_map(|p| [p.x, p.y, p.z]);
+        add(&mut coordinates.flat_map(halves).map(u32::to_le_bytes));
         add(&mut mesh
             .triangles
             .as_flattened()

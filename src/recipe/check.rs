@@ -32,6 +32,7 @@ pub(crate) fn check(file: RecipeFile, base: &Path) -> Result<Recipe, Problem> {
         coco: file.dataset.coco,
         image: image(&file.image, &root.key("image"))?,
         subjects: subjects(&file.subjects, &root.key("subjects"), base)?,
+        solver: file.simulation.solver.into(),
         expressions: expressions(&file.expressions, &root.key("expression"))?,
         occluders: occluders(&file.occluders, &root.key("occluder"))?,
         views: views(&file.views, &root.key("view"))?,
@@ -188,6 +189,7 @@ fn subjects(table: &SubjectsTable, place: &Place, base: &Path) -> Result<Subject
         scans,
         builtin: names,
         sampled: table.sampled as u64,
+        delight: table.delight,
     };
     if subjects.is_empty() {
         return Err(place

@@ -5,6 +5,7 @@
 
 use std::collections::BTreeMap;
 
+use facile_sim::SolverKind;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -20,6 +21,9 @@ pub struct RecipeFile {
     pub image: ImageTable,
     /// Whose faces.
     pub subjects: SubjectsTable,
+    /// How faces are brought to equilibrium.
+    #[serde(default)]
+    pub simulation: SimulationTable,
     /// Expressions; the neutral face if there are none.
     #[serde(default, rename = "expression")]
     pub expressions: Vec<ExpressionTable>,
@@ -166,6 +170,39 @@ pub struct SubjectsTable {
     pub builtin: Vec<String>,
     /// Number of new identities to draw from the identity model.
     pub sampled: i64,
+    /// Even out the light that is baked into the colours of scans.
+    pub delight: bool,
+}
+
+/// `[simulation]`
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct SimulationTable {
+    /// The solver. All reach the same equilibrium; `quasi_static` is by far the fastest.
+    pub solver: SolverWord,
+}
+
+/// Name of a solver.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum SolverWord {
+    /// Minimises the energy, contact as a bound.
+    #[default]
+    QuasiStatic,
+    /// The paper's damped motion, followed until it rests.
+    Verlet,
+    /// Motion that is stopped whenever it goes uphill.
+    Fire,
+}
+
+impl From<SolverWord> for SolverKind {
+    fn from(word: SolverWord) -> Self {
+        match word {
+            SolverWord::QuasiStatic => Self::QuasiStatic,
+            SolverWord::Verlet => Self::Verlet,
+            SolverWord::Fire => Self::Fire,
+        }
+    }
 }
 
 /// `[[expression]]`: muscles, action units, jaw and gaze add up.

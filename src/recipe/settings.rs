@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use facile_sim::Pose;
+use facile_sim::{Pose, SolverKind};
 use facile_trace::occluder::{Drape, Glasses};
 use facile_trace::{LightSource, Samples};
 use serde::Serialize;
@@ -29,6 +29,8 @@ pub struct Recipe {
     pub image: ImageSettings,
     /// Whose faces.
     pub subjects: Subjects,
+    /// How faces are brought to equilibrium.
+    pub solver: SolverKind,
     /// Expressions, each at one intensity.
     pub expressions: Vec<Expression>,
     /// Things in front of the face.
@@ -86,6 +88,8 @@ pub struct Subjects {
     pub builtin: Vec<String>,
     /// Number of sampled identities.
     pub sampled: u64,
+    /// Whether the light baked into the colours of scans is evened out.
+    pub delight: bool,
 }
 
 /// Where one subject comes from.

@@ -38,6 +38,11 @@ impl ScanLandmarks {
         Ok(Self { points })
     }
 
+    /// The points, in the scan's coordinates.
+    pub fn points(&self) -> &[Point3] {
+        &self.points
+    }
+
     /// Reads landmarks from a file's text: JSON with `[x, y, z]` lists at any depth (plain lists, `ljson`), or lines of
     /// three numbers as in `.pts` files, other lines passed over.
     ///

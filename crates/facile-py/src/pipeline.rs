@@ -141,6 +141,10 @@ impl Watch for Counter<'_> {
 }
 
 /// Generates a dataset, or what is missing of it.
+#[expect(
+    clippy::too_many_arguments,
+    reason = "keyword arguments of a Python function"
+)]
 #[pyfunction]
 #[pyo3(signature = (recipe, *, output=None, jobs=None, limit=None, shard=None, overwrite=false, progress=None))]
 pub(crate) fn generate<'py>(

@@ -49,7 +49,7 @@ impl Subject {
     #[staticmethod]
     #[pyo3(signature = (path, *, texture=None))]
     fn load(py: Python<'_>, path: PathBuf, texture: Option<PathBuf>) -> PyResult<Self> {
-        let read = |_: &_| Registrations::new().scan(&path, texture.as_deref());
+        let read = |_: &_| Registrations::new().scan(&path, texture.as_deref(), None);
         heavy(py, read, |_| Ok(())).map(Self::new)
     }
 
