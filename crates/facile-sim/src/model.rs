@@ -256,6 +256,10 @@ fn attachments(template: &Template, params: &PaperParams, rest: &[V3]) -> Vec<f6
         .collect()
 }
 
+/// Nodes nearer to the cylinder's axis at rest touch no skull, mm: below the chin an open jaw carries them across the
+/// axis, where the height field means nothing.
+const MIN_RADIUS_MM: f64 = 25.0;
+
 fn contacts(
     reference: &ReferenceHead,
     template: &Template,
@@ -274,7 +278,8 @@ fn contacts(
         let radial = unit([fascia[0], 0.0, fascia[2]]);
         let facing = sub(skin, fascia);
         let faces_out = (facing[0] * radial[0] + facing[2] * radial[2]) > MIN_FACING * norm(facing);
-        if !lid && faces_out && template.moving[n + node] {
+        let is_off_axis = fascia[0].hypot(fascia[2]) > MIN_RADIUS_MM;
+        if !lid && faces_out && is_off_axis && template.moving[n + node] {
             out.skull.push(SkullContact {
                 node: (n + node) as u32,
                 cage,
