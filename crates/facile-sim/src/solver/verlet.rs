@@ -2,8 +2,8 @@
 //!
 //! Eq. 11 with mass and damping of Table 1. Contact is explicit: a node that falls below a surface is put back and
 //! loses its inward velocity. The pose is taken in steps along the same path as in the quasi-static solver, so that both
-//! end in the same equilibrium where there are several. The step follows the stiffest spring and halves when the energy
-//! jumps.
+//! end in the same equilibrium where there are several. The step follows the stiffest motion, measured again and again on
+//! the way, and halves when the energy jumps or the motion does not die down.
 
 use super::certificate::residual;
 use super::quasi_static::{carry, path_steps};
@@ -20,6 +20,10 @@ const SAFETY: f64 = 0.9;
 const CHECK: usize = 25;
 /// Time steps on each step of the path before the last: enough to come near its equilibrium.
 const PATH_STEPS: usize = 150;
+/// Checks between measurements of the stiffest motion. Prisms that are squeezed stiffen on the way.
+const MEASURE: usize = 20;
+/// Checks in which the residual has to fall by a tenth; a step near its limit can feed a swing that damping just balances.
+const PATIENCE: usize = 60;
 /// Contact counts as touching within this distance, mm.
 const TOUCH_MM: f64 = 1e-3;
 
@@ -74,7 +78,10 @@ struct State {
 impl State {
     fn run(&mut self, load: &Load<'_>, tolerance: f64, budget: usize) -> Outcome {
         let params = &load.model.params;
-        let mut dt = SAFETY * 2.0 / (largest_stiffness(load, &self.x) / params.mass).sqrt();
+        let longest = |x: &[V3]| SAFETY * 2.0 / (largest_stiffness(load, x) / params.mass).sqrt();
+        let mut share = 1.0;
+        let mut dt = longest(&self.x);
+        let (mut best, mut waited, mut checks) = (f64::INFINITY, 0, 0);
         let mut energy = self.forces(load);
         let mut residual_now = f64::INFINITY;
         let mut iterations = 0;
@@ -92,6 +99,7 @@ impl State {
             if !total.is_finite() || total > total_before * (1.0 + 1e-6) + 1e-3 {
                 (self.x, self.velocity, _) = before;
                 energy = self.forces(load);
+                share *= 0.5;
                 dt *= 0.5;
                 if dt < 1e-7 {
                     break;
@@ -103,6 +111,17 @@ impl State {
             if residual_now <= tolerance {
                 converged = true;
                 break;
+            }
+            waited += 1;
+            if residual_now < 0.9 * best {
+                (best, waited) = (residual_now, 0);
+            } else if waited == PATIENCE {
+                share *= 0.5;
+                (best, waited) = (residual_now, 0);
+            }
+            checks += 1;
+            if checks % MEASURE == 0 {
+                dt = share * longest(&self.x);
             }
         }
         Outcome {
