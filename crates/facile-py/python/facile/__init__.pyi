@@ -6,7 +6,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 __version__: str
-__all__: list[str]
+__all__ = [
+    "CoreError",
+    "Dataset",
+    "Face",
+    "FacileError",
+    "FlowError",
+    "PipelineError",
+    "RecipeError",
+    "SimError",
+    "Subject",
+    "TraceError",
+    "__version__",
+    "generate",
+    "merge",
+    "render",
+    "render_scene",
+    "schema",
+    "verify",
+]
 
 #: A recipe: the path of a TOML file, or its tables as a mapping.
 Recipe = str | PathLike[str] | Mapping[str, Any]
