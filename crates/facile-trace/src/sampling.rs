@@ -55,10 +55,11 @@ pub const EDGE_LIMIT: u8 = 24;
 const GOLDEN: f64 = 0.618_033_988_749_894_9;
 
 /// Places of `count` samples in their pixel, each coordinate in `(0, 1)` with a mean of 0.5. A square number of samples is
-/// a square grid, which leaves the smallest holes and so errs least on textures; other counts lie on a golden-ratio
-/// lattice, so that every one has a column of its own and rows are evenly spread.
+/// a square grid, which leaves the smallest holes; other counts lie on a golden-ratio lattice, so that every one has a
+/// column of its own and rows are evenly spread.
 ///
-/// Measured on `data/trace_scene` against 256 samples: 16 on the lattice 0.71, on a Hammersley net 0.85.
+/// RMSE of 16 samples on one scene against 256: grid 0.69, lattice 0.71 (0.65 with a mean off 0.5, which shifts the image
+/// against its labels), Hammersley net 0.85.
 pub fn sample_offsets(count: u32) -> Vec<[f64; 2]> {
     let side = count.isqrt();
     if side * side == count {
