@@ -1,9 +1,11 @@
 //! A dataset is a function of its recipe: the same bytes for any number of threads and after any interruption.
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
+mod common;
+
+use common::files;
 use facile::Recipe;
 use facile::generate::{Options, Summary, Unwatched, Watch, generate};
 use facile::units::Part;
@@ -68,24 +70,6 @@ fn run_part(
         ..Options::default()
     };
     generate(recipe, &options, watch).unwrap_or_else(|e| panic!("{e}"))
-}
-
-/// Every file of a folder by its path in it.
-fn files(dir: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
-    let mut found = BTreeMap::new();
-    let mut folders = vec![dir.to_owned()];
-    while let Some(folder) = folders.pop() {
-        for entry in std::fs::read_dir(folder).expect("reads") {
-            let path = entry.expect("reads").path();
-            if path.is_dir() {
-                folders.push(path);
-            } else {
-                let name = path.strip_prefix(dir).expect("inside").to_owned();
-                found.insert(name, std::fs::read(&path).expect("reads"));
-            }
-        }
-    }
-    found
 }
 
 fn assert_same(a: &Path, b: &Path) {

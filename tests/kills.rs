@@ -1,10 +1,12 @@
 //! A run that is killed at any instant goes on to the bytes of one that was not.
 
-use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+mod common;
+
+use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
+use common::files;
 use facile::core::rng::RandomStream;
 
 const RECIPE: &str = r#"
@@ -50,23 +52,6 @@ fn start(dir: &Path, output: &str) -> Child {
         .stderr(Stdio::null())
         .spawn()
         .expect("starts")
-}
-
-fn files(dir: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
-    let mut found = BTreeMap::new();
-    let mut folders = vec![dir.to_owned()];
-    while let Some(folder) = folders.pop() {
-        for entry in std::fs::read_dir(folder).expect("reads") {
-            let path = entry.expect("reads").path();
-            if path.is_dir() {
-                folders.push(path);
-            } else {
-                let name = path.strip_prefix(dir).expect("inside").to_owned();
-                found.insert(name, std::fs::read(&path).expect("reads"));
-            }
-        }
-    }
-    found
 }
 
 /// Kills runs at random instants until `kills` are done, and lets each dataset be finished after the first to the last.

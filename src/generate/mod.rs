@@ -262,13 +262,14 @@ impl<'a> Run<'a> {
             reason: e.to_string(),
         })?;
         let mut worker = Worker::new(self.pipeline.clone());
-        while let Some(task) = self.next(thread)? {
-            if let Err(e) = self.chunk(&task, &mut worker) {
-                self.is_broken.store(true, Ordering::Relaxed);
-                return Err(e);
+        let mut work = || -> Result<(), Error> {
+            while let Some(task) = self.next(thread)? {
+                self.chunk(&task, &mut worker)?;
             }
-        }
-        Ok(())
+            Ok(())
+        };
+        // The others end after their chunks.
+        work().inspect_err(|_| self.is_broken.store(true, Ordering::Relaxed))
     }
 
     /// The next chunk in order. Begins units, unless the run is to stop.

@@ -24,8 +24,8 @@ pub struct EncodedSample {
     pub record: String,
     /// Its entries of a COCO file, one line of JSON, if the recipe asks for one.
     pub coco: Option<String>,
-    /// Ending of the image's name.
-    pub extension: &'static str,
+    /// Format of the image.
+    pub encoding: Encoding,
     /// The image.
     pub image: Vec<u8>,
     /// Kind and PNG of each map; shared by the samples that differ in light alone.
@@ -37,7 +37,7 @@ pub struct EncodedSample {
 impl EncodedSample {
     /// The files of this sample in a folder: path within the dataset, with forward slashes, and content.
     pub fn files(&self) -> impl Iterator<Item = (String, &[u8])> {
-        let image = format!("{IMAGES}/{:06}.{}", self.index, self.extension);
+        let image = image_name(self.index, self.encoding);
         let own = if self.owns_maps { &self.maps[..] } else { &[] };
         let maps = own
             .iter()
@@ -53,7 +53,7 @@ impl EncodedSample {
             .map(|(kind, bytes)| (format!("{kind}.png"), &bytes[..]));
         [
             ("json".to_owned(), self.record.as_bytes()),
-            (self.extension.to_owned(), &self.image[..]),
+            (self.encoding.extension().to_owned(), &self.image[..]),
         ]
         .into_iter()
         .chain(maps)
@@ -105,7 +105,7 @@ impl<'a> Encoder<'a> {
             index: sample.record.index,
             record: sample.record.to_json(),
             coco: self.recipe.coco.then(|| coco_line(sample)),
-            extension: settings.encoding.extension(),
+            encoding: settings.encoding,
             image: encode_image(&sample.image, settings)?,
             maps,
             owns_maps: sample.owns_maps,
