@@ -11,6 +11,7 @@ mod merge;
 mod output;
 mod plan;
 mod pose;
+mod reference;
 mod register;
 mod render;
 mod sheet;
@@ -45,6 +46,8 @@ enum Command {
     Verify(verify::Arguments),
     /// Fit the reference head to a scan and write it as GLB.
     Register(register::Arguments),
+    /// Make a reference head of one's own.
+    Reference(reference::Arguments),
     /// Contract muscles of a subject, open the jaw, and write the equilibrium as GLB.
     Pose(pose::Arguments),
     /// Render a scene file: any meshes, one camera, any lights.
@@ -66,6 +69,7 @@ pub(crate) fn main() -> ExitCode {
         Command::Merge(a) => merge::run(&a),
         Command::Verify(a) => verify::run(&a),
         Command::Register(a) => register::run(&a),
+        Command::Reference(a) => reference::run(&a),
         Command::Pose(a) => pose::run(&a),
         Command::Render(a) => render::run(&a),
         Command::Sheet(a) => sheet::run(&a),

@@ -25,6 +25,9 @@ pub(super) struct Arguments {
     /// or the 68 of ibug, as JSON lists or lines of three numbers. They give the pose, from any direction.
     #[arg(long, value_name = "FILE")]
     landmarks: Option<PathBuf>,
+    /// Reference head to fit, a folder as `facile reference build` writes it, instead of the program's own.
+    #[arg(long, value_name = "DIR")]
+    reference: Option<PathBuf>,
     /// Even out the light that is baked into the scan's colours.
     #[arg(long)]
     delight: bool,
@@ -44,7 +47,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<u8> {
         delight: arguments.delight,
         ..RegistrationParams::default()
     };
-    let registered = Registrations::with(params)
+    let registrations = match &arguments.reference {
+        Some(dir) => Registrations::to(ReferenceHead::load(dir)?, params),
+        None => Registrations::with(params),
+    };
+    let registered = registrations
         .scan(&arguments.scan, texture, arguments.landmarks.as_deref())
         .map_err(|e| about(&arguments.scan, e))?;
     for notice in &registered.notices {
@@ -52,7 +59,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<u8> {
     }
     registered
         .subject
-        .save(&arguments.output, ReferenceHead::embedded())?;
+        .save(&arguments.output, registrations.reference())?;
     if let Some(path) = &arguments.report {
         let text = serde_json::to_string_pretty(&registered.report)? + "\n";
         facile::core::io::write_file(path, text.as_bytes())?;

@@ -167,6 +167,21 @@ impl Registrations {
         }
     }
 
+    /// To another reference head, which is kept as long as the process lives, with the user's cache.
+    ///
+    /// A subject on the shipped topology gets teeth and tongue from the shipped head, so that every command takes it.
+    pub fn to(reference: ReferenceHead, params: RegistrationParams) -> Self {
+        Self {
+            reference: Box::leak(Box::new(reference)),
+            ..Self::with(params)
+        }
+    }
+
+    /// The head that scans are registered to.
+    pub fn reference(&self) -> &'static ReferenceHead {
+        self.reference
+    }
+
     /// The subject of a scan file, or of a file that holds a subject already. `texture` replaces what the file names;
     /// `landmarks` is a file of points in the scan's coordinates, see [`ScanLandmarks::parse`].
     ///
@@ -263,6 +278,9 @@ impl Registrations {
         };
         let mut result = registrar.register_with(scan, landmarks)?;
         result.subject.id.clone_from(&scan.name);
+        if !self.is_shipped() {
+            facile_flow::seat_skull(&mut result.subject, ReferenceHead::embedded());
+        }
         let mut bytes = serde_json::to_vec(&result.report).expect("numbers are plain JSON");
         bytes.push(b'\n');
         bytes.extend(result.subject.to_glb(&scan.path, self.reference)?);
@@ -271,6 +289,10 @@ impl Registrations {
             path: scan.path.clone(),
             reason: "the registered subject does not read back".to_owned(),
         })
+    }
+
+    fn is_shipped(&self) -> bool {
+        std::ptr::eq(self.reference, ReferenceHead::embedded())
     }
 
     fn read(&self, bytes: &[u8], path: &Path) -> Option<Registered> {
@@ -322,6 +344,12 @@ impl Registrations {
             .iter()
             .map(|v| v.to_le_bytes()));
         add(&mut mesh.colors.as_flattened().iter().map(|v| v.to_le_bytes()));
+        if !self.is_shipped() {
+            let places = self.reference.mesh.positions.iter();
+            let coordinates = places.flat_map(|p| [p.x, p.y, p.z]);
+            add(&mut coordinates.flat_map(halves).map(u32::to_le_bytes));
+            add(&mut (self.reference.texture.texels().as_flattened().iter()).map(|b| [*b, 0, 0, 0]));
+        }
         if let Some(texture) = &scan.texture {
             let size = [texture.width() as u32, texture.height() as u32];
             add(&mut size.iter().map(|v| v.to_le_bytes()));

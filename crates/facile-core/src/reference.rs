@@ -14,7 +14,10 @@ use crate::assets::{self, Files};
 use crate::io::decode_texture;
 use crate::io::obj::{NO_TEXCOORD, ObjFile};
 use crate::subdivision::{Subdivision, catmull_clark};
-use crate::{CoreError, Eye, LandmarkScheme, Mesh, Point3, Segment, SurfacePoint, Texture};
+use crate::{
+    CoreError, Eye, LandmarkScheme, Mesh, Point3, Segment, Similarity3, SurfacePoint, Texture,
+    UnitQuaternion,
+};
 
 /// How a cage vertex takes part in the physics.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
@@ -169,6 +172,24 @@ impl ReferenceHead {
         add(&mut mesh.texcoord_triangles.as_flattened().iter().copied());
         add(&mut mesh.texcoords.as_flattened().iter().map(|v| v.to_bits()));
         hasher.finalize().to_hex().to_string()
+    }
+
+    /// Where a rigid part lies on a head with these eyes and this skull, from its place here.
+    pub(crate) fn part_place(
+        &self,
+        part: Segment,
+        eyes: &[Eye; 2],
+        skull_from_reference: &Similarity3,
+    ) -> Similarity3 {
+        let side = match part {
+            Segment::LeftEye | Segment::LeftIris => 0,
+            Segment::RightEye | Segment::RightIris => 1,
+            _ => return *skull_from_reference,
+        };
+        let (own, mean) = (&eyes[side], &self.eyes[side]);
+        let scale = own.radius / mean.radius;
+        let shift = own.center.coords - mean.center.coords * scale;
+        Similarity3::from_parts(shift.into(), UnitQuaternion::identity(), scale)
     }
 
     fn from_files(files: &Files) -> Result<Self, CoreError> {

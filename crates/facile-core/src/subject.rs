@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Mesh, Point3, ReferenceHead, Segment, Similarity3, Texture, UnitQuaternion};
+use crate::{Mesh, Point3, ReferenceHead, Segment, Similarity3, Texture};
 
 /// What is known of a person besides shape and colour.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -73,15 +73,7 @@ impl Subject {
     /// Where a rigid part of the neutral head lies, from its place in the reference head: an eyeball turns about the
     /// subject's own eye centre and has its own size, teeth and tongue follow the skull.
     pub fn part_from_reference(&self, part: Segment, reference: &ReferenceHead) -> Similarity3 {
-        let side = match part {
-            Segment::LeftEye | Segment::LeftIris => 0,
-            Segment::RightEye | Segment::RightIris => 1,
-            _ => return self.skull_from_reference,
-        };
-        let (own, mean) = (&self.eyes[side], &reference.eyes[side]);
-        let scale = own.radius / mean.radius;
-        let shift = own.center.coords - mean.center.coords * scale;
-        Similarity3::from_parts(shift.into(), UnitQuaternion::identity(), scale)
+        reference.part_place(part, &self.eyes, &self.skull_from_reference)
     }
 
     /// The rigid parts of the neutral head in their places, with the names of their classes.

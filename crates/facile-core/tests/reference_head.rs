@@ -88,3 +88,39 @@ fn parts_are_there_and_inside_the_head() {
         }
     }
 }
+
+#[test]
+fn a_saved_head_reads_back_as_it_was() {
+    let head = ReferenceHead::embedded();
+    let dir = tempfile::tempdir().expect("a folder");
+    head.save(dir.path(), "a copy").expect("writes");
+    let copy = ReferenceHead::load(dir.path()).expect("reads");
+    assert_eq!(copy.topology_digest(), head.topology_digest());
+    assert_eq!(copy.cage.roles, head.cage.roles);
+    assert_eq!(copy.cage.mirror, head.cage.mirror);
+    assert_eq!(copy.mesh.segments, head.mesh.segments);
+    assert_eq!(copy.mesh.positions, head.mesh.positions);
+    assert_eq!(copy.parts.len(), head.parts.len());
+    for (a, b) in copy.parts.iter().zip(&head.parts) {
+        assert_eq!(a.segment, b.segment);
+        assert_eq!(a.mesh.positions, b.mesh.positions);
+        assert_eq!(a.mesh.texcoord_triangles, b.mesh.texcoord_triangles);
+    }
+    assert_eq!(copy.eyes, head.eyes);
+    assert_eq!(copy.jaw, head.jaw);
+    for (a, b) in copy.landmarks.iter().zip(&head.landmarks) {
+        assert_eq!(a.name, b.name);
+        let places = |h: &ReferenceHead, s: &facile_core::LandmarkScheme| {
+            s.positions(&h.mesh.positions, &h.mesh.triangles)
+        };
+        for (p, q) in places(&copy, a).iter().zip(places(head, b)) {
+            assert!((p - q).norm() < 1e-3);
+        }
+    }
+    assert_eq!(copy.mouth_texture, head.mouth_texture);
+    let square = |(a, b): (&u8, &u8)| f64::from(a.abs_diff(*b)).powi(2);
+    let texels = |h: &ReferenceHead| h.texture.texels().as_flattened().to_vec();
+    let (a, b) = (texels(&copy), texels(head));
+    let mean = a.iter().zip(&b).map(square).sum::<f64>() / a.len() as f64;
+    assert!(mean.sqrt() < 3.0, "the skin differs by {} RMS", mean.sqrt());
+}

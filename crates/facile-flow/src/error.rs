@@ -36,6 +36,21 @@ pub enum FlowError {
         /// What is wrong with them.
         reason: String,
     },
+    /// Too few faces for a mean.
+    #[error(
+        "{registered} of {given} scans could be registered; a reference head needs at least {needed} faces{}",
+        example.as_ref().map(|e| format!(" (the first failure: {e})")).unwrap_or_default()
+    )]
+    Population {
+        /// Faces that were registered.
+        registered: usize,
+        /// Scans that were given.
+        given: usize,
+        /// The least number.
+        needed: usize,
+        /// Why the first scan that failed did.
+        example: Option<String>,
+    },
     /// A parameter is outside its range.
     #[error("parameter {name} is {found}; allowed: {allowed}")]
     Parameter {

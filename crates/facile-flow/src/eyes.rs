@@ -1,7 +1,7 @@
 //! Places what the skull carries: eyeballs behind the lids, teeth and tongue behind the lips.
 
 use facile_core::math::fit_similarity;
-use facile_core::{Eye, Point3, ReferenceHead, Segment, Similarity3};
+use facile_core::{Eye, Point3, ReferenceHead, Segment, Similarity3, Subject};
 
 /// Lid vertices of the ring that defines an orbit lie within this distance of the eye's surface, mm.
 const ORBIT: f64 = 12.0;
@@ -73,6 +73,15 @@ fn place_eye(reference: &ReferenceHead, positions: &[Point3], segment: Segment, 
     placed.center = center + outwards * back;
     placed.radius = radius;
     placed
+}
+
+/// Places teeth and tongue of `reference` in a subject on its topology that was registered to another head.
+///
+/// Nothing happens if the topologies differ.
+pub fn seat_skull(subject: &mut Subject, reference: &ReferenceHead) {
+    if subject.positions.len() == reference.mesh.positions.len() {
+        subject.skull_from_reference = place_skull(reference, &subject.positions);
+    }
 }
 
 /// Places teeth and tongue: skull of the subject from the reference's.

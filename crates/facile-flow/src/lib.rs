@@ -29,6 +29,7 @@ mod lips;
 mod neighbors;
 mod onto_surface;
 mod params;
+mod population;
 mod register;
 mod report;
 mod scan;
@@ -38,7 +39,9 @@ mod template;
 mod texture;
 
 pub use error::FlowError;
+pub use eyes::seat_skull;
 pub use landmarks::ScanLandmarks;
 pub use params::RegistrationParams;
+pub use population::{PopulationMean, PopulationParams, Round, build_reference};
 pub use register::{Registrar, Registration, StageTime, register};
 pub use report::RegistrationReport;

@@ -31,7 +31,8 @@ pub struct RegistrationParams {
     pub surface_smoothing_mm: Vec<f64>,
     /// Least correlation of mean curvature between the aligned reference face and the scan: below, it is no face.
     pub min_curvature_correlation: f64,
-    /// Side of the subject's texture, texels.
+    /// Largest side of the subject's texture, texels; smaller, down to a quarter or 512, if the scan's own colours
+    /// are coarser.
     pub texture_size: usize,
     /// Whether the light baked into the scan's colours is evened out.
     pub delight: bool,
@@ -50,7 +51,7 @@ impl Default for RegistrationParams {
             smoothing_mm: vec![30.0, 20.0, 14.0],
             surface_smoothing_mm: vec![12.0, 6.0],
             min_curvature_correlation: 0.25,
-            texture_size: 1024,
+            texture_size: 2048,
             delight: false,
         }
     }

@@ -1,6 +1,5 @@
 //! The whole way of one scan: normalise, flow and fit, settle, eyes, texture, report.
 
-use std::sync::OnceLock;
 use std::time::Instant;
 
 use facile_core::io::Scan;
@@ -14,7 +13,7 @@ use crate::onto_surface::{Settled, settle};
 use crate::report::{RegistrationReport, quantile, rows_of};
 use crate::scan::{WorkingScan, clean};
 use crate::template::Template;
-use crate::texture::TexelMap;
+use crate::texture::TexelMaps;
 use crate::{FlowError, RegistrationParams, eyes, folds, texture};
 
 /// A registered scan.
@@ -67,8 +66,7 @@ pub struct Registrar<'a> {
     face: FaceModel,
     modes: FineModes,
     params: RegistrationParams,
-    /// Made when the first texture is baked.
-    texels: OnceLock<TexelMap>,
+    texels: TexelMaps,
 }
 
 impl std::fmt::Debug for Registrar<'_> {
@@ -97,14 +95,13 @@ impl<'a> Registrar<'a> {
             template: Template::new(reference)?,
             face: FaceModel::new(reference),
             modes: FineModes::new(model, &reference.subdivision.stencils),
+            texels: TexelMaps::new(params.texture_size),
             params,
-            texels: OnceLock::new(),
         })
     }
 
-    fn texels(&self) -> &TexelMap {
-        self.texels
-            .get_or_init(|| TexelMap::new(&self.template, self.params.texture_size))
+    pub(crate) fn template(&self) -> &Template<'a> {
+        &self.template
     }
 
     /// Registers one scan: a neutral face, roughly upright, facing `+z` within 45 degrees, in any unit.
@@ -190,7 +187,7 @@ impl<'a> Registrar<'a> {
             attributes: Attributes::default(),
             texture: texture::bake(
                 template,
-                self.texels(),
+                &self.texels,
                 &scan,
                 &settled.positions,
                 params.delight,

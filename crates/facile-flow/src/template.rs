@@ -55,10 +55,7 @@ impl<'a> Template<'a> {
             adjacency,
             flow_trust,
             face: (mesh.positions.iter().zip(&skin))
-                .map(|(p, skin)| {
-                    let frontal = libm::atan2(p.x, p.z).abs() < 1.15 && p.z > 30.0;
-                    frontal && (-110.0..60.0).contains(&p.y) && *skin > 0.0
-                })
+                .map(|(p, skin)| in_front(p) && *skin > 0.0)
                 .collect(),
             skin,
             areas: vertex_areas(&mesh.positions, &mesh.triangles),
@@ -129,6 +126,12 @@ pub(crate) struct TemplateView {
     pub(crate) normals: Vec<Vector3>,
     pub(crate) visible: Vec<bool>,
     pub(crate) raw: RawImage,
+}
+
+/// Whether a point in the head frame lies between forehead and chin, ear and ear.
+pub(crate) fn in_front(p: &Point3) -> bool {
+    let frontal = libm::atan2(p.x, p.z).abs() < 1.15 && p.z > 30.0;
+    frontal && (-110.0..60.0).contains(&p.y)
 }
 
 /// A third of the area of each vertex's triangles, mm^2.

@@ -6,13 +6,15 @@
 //! and multiplied in, so that no seam shows and no colour is smeared. The slit between the lids, the sockets and the
 //! inside of the mouth always come from the mean texture: scans have the eyes painted on the surface.
 
+use std::sync::OnceLock;
+
 use facile_core::color::srgb8_from_linear;
 use facile_core::{Plane, Point3, Segment, Texture, Vector3};
 use rayon::prelude::*;
 
 use crate::scan::WorkingScan;
 use crate::shading::Shading;
-use crate::template::Template;
+use crate::template::{Template, in_front};
 
 /// Scan surface further from the registered skin than this lends no colour, mm.
 const REACH: f64 = 3.0;
@@ -25,14 +27,95 @@ const TONE_SWEEPS: usize = 60;
 /// Darkest linear value in ratios of colours.
 const DARK: f64 = 0.004;
 
-/// Where each texel lies on the fine mesh, and the mean texture there; the same for every scan.
+/// Sides of textures that may be chosen, in eighths of the largest, and the least of them in texels.
+const SIZES: [usize; 5] = [8, 6, 4, 3, 2];
+const LEAST_SIZE: usize = 512;
+/// A texture may have this share of the scan's own texels along a line before a larger one is taken.
+const ENOUGH: f64 = 0.95;
+
+/// Where each texel lies on the fine mesh; the same for every scan.
 pub(crate) struct TexelMap {
     /// Triangle of each texel's centre, or `u32::MAX`.
     triangle: Plane<u32>,
     /// Weights of the second and third corner.
     weights: Plane<[f32; 2]>,
-    /// Linear RGB of the mean texture.
-    mean: Plane<[f32; 3]>,
+}
+
+/// The texel maps of the sizes that scans may ask for; each is made when first used.
+pub(crate) struct TexelMaps {
+    largest: usize,
+    maps: [OnceLock<TexelMap>; SIZES.len()],
+}
+
+impl TexelMaps {
+    /// `largest`: side of the largest texture, texels.
+    pub(crate) fn new(largest: usize) -> Self {
+        Self {
+            largest,
+            maps: [const { OnceLock::new() }; SIZES.len()],
+        }
+    }
+
+    /// The map that holds what the scan's own texture shows of the face: the smallest that is about as fine.
+    pub(crate) fn of(
+        &self,
+        template: &Template<'_>,
+        scan: &WorkingScan<'_>,
+        positions: &[Point3],
+    ) -> &TexelMap {
+        let wanted = ENOUGH * wanted_size(template, scan, positions);
+        let side = |k: usize| self.largest * SIZES[k] / SIZES[0];
+        let chosen = (1..SIZES.len())
+            .take_while(|&k| side(k) >= LEAST_SIZE && side(k) as f64 >= wanted)
+            .last()
+            .unwrap_or(0);
+        self.maps[chosen].get_or_init(|| TexelMap::new(template, side(chosen)))
+    }
+}
+
+/// Side of the subject's texture, texels, that shows the face as finely as the scan does.
+fn wanted_size(template: &Template<'_>, scan: &WorkingScan<'_>, positions: &[Point3]) -> f64 {
+    let mesh = &template.reference.mesh;
+    let own = (mesh.triangles.iter().zip(&mesh.texcoord_triangles))
+        .filter(|(t, _)| t.iter().all(|v| template.face[*v as usize]))
+        .map(|(t, uv)| {
+            let area = triangle_area(&t.map(|v| positions[v as usize]));
+            (texel_area(&mesh.texcoords, *uv, [1.0; 2]), area)
+        });
+    let texture = scan
+        .texture
+        .map_or([0.0; 2], |t| [t.width() as f64, t.height() as f64]);
+    let shown = (scan
+        .mesh
+        .triangles
+        .iter()
+        .zip(&scan.mesh.texcoord_triangles))
+    .map(|(t, uv)| (t.map(|v| scan.mesh.positions[v as usize]), uv))
+    .filter(|(corners, _)| in_front(&corners[0]))
+    .map(|(corners, uv)| {
+        (
+            texel_area(&scan.mesh.texcoords, *uv, texture),
+            triangle_area(&corners),
+        )
+    });
+    density(shown) / density(own).max(1e-12)
+}
+
+/// Texels along a line of 1 mm, over triangles with their areas in texels and in mm^2.
+fn density(triangles: impl Iterator<Item = (f64, f64)>) -> f64 {
+    let (texels, area) = triangles.fold((0.0, 0.0), |s, t| (s.0 + t.0, s.1 + t.1));
+    (texels / f64::max(area, 1e-9)).sqrt()
+}
+
+fn triangle_area([a, b, c]: &[Point3; 3]) -> f64 {
+    0.5 * (b - a).cross(&(c - a)).norm()
+}
+
+/// Area of a triangle of texture coordinates on a texture of this size.
+fn texel_area(texcoords: &[[f32; 2]], corners: [u32; 3], [width, height]: [f64; 2]) -> f64 {
+    let [a, b, c] = corners.map(|i| texcoords[i as usize].map(f64::from));
+    let double = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
+    0.5 * double.abs() * width * height
 }
 
 impl TexelMap {
@@ -43,13 +126,6 @@ impl TexelMap {
         let mut map = Self {
             triangle: Plane::filled(size, size, u32::MAX),
             weights: Plane::filled(size, size, [0.0; 2]),
-            mean: Plane::from_fn(size, size, |x, y| {
-                let uv = [
-                    (x as f32 + 0.5) / size as f32,
-                    1.0 - (y as f32 + 0.5) / size as f32,
-                ];
-                template.reference.texture.sample(uv)
-            }),
         };
         let n = size as f64;
         let mut gap = Plane::filled(size, size, f64::INFINITY);
@@ -109,16 +185,23 @@ struct Found {
 /// Bakes the subject's texture; without colour in the scan it is the mean texture. Cost O(texels).
 pub(crate) fn bake(
     template: &Template<'_>,
-    map: &TexelMap,
+    maps: &TexelMaps,
     scan: &WorkingScan<'_>,
     positions: &[Point3],
     delight: bool,
 ) -> Texture {
-    let (width, height) = (map.mean.width(), map.mean.height());
-    let finish = |rows: Vec<[u8; 3]>| Texture::new(width, height, rows);
     if !scan.has_color() {
-        return finish(map.mean.as_slice().iter().map(|c| encode(*c)).collect());
+        return template.reference.texture.clone();
     }
+    let map = maps.of(template, scan, positions);
+    let size = map.triangle.width();
+    let mean_at = |x: usize, y: usize| {
+        let middle = [x, y].map(|v| (v as f32 + 0.5) / size as f32);
+        template
+            .reference
+            .texture
+            .sample([middle[0], 1.0 - middle[1]])
+    };
     let allowed = allowed_vertices(template);
     let normals = facile_core::mesh::vertex_normals(positions, &template.reference.mesh.triangles);
     let lookup = Lookup {
@@ -147,13 +230,13 @@ pub(crate) fn bake(
     let (tone, trust) = tone(template, &at_vertices, &allowed);
     let tone: Vec<[f32; 3]> = tone.iter().map(|t| t.map(|v| v as f32).into()).collect();
     let trust: Vec<f32> = trust.iter().map(|t| *t as f32).collect();
-    let mut texels = vec![[0_u8; 3]; width * height];
+    let mut texels = vec![[0_u8; 3]; size * size];
     texels
-        .par_chunks_mut(width)
+        .par_chunks_mut(size)
         .enumerate()
         .for_each(|(y, row)| {
             for (x, texel) in row.iter_mut().enumerate() {
-                let mean = map.mean[(x, y)];
+                let mean = mean_at(x, y);
                 let t = map.triangle[(x, y)];
                 if t == u32::MAX {
                     *texel = encode(mean);
@@ -190,7 +273,7 @@ pub(crate) fn bake(
                 }));
             }
         });
-    finish(texels)
+    Texture::new(size, size, texels)
 }
 
 /// Factors that take out the shading the scan was lit with.

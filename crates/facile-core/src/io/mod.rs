@@ -20,6 +20,7 @@ mod picture;
 mod ply;
 mod ply_source;
 mod polygon;
+mod reference_folder;
 mod subject_file;
 
 use std::io::{Read as _, Write as _};
