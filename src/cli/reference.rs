@@ -52,6 +52,7 @@ struct Build {
 struct RoundRecord<'a> {
     faces: usize,
     moved_mm: f64,
+    slid_mm: f64,
     spread_mm: f64,
     failed: Vec<Failure<'a>>,
 }
@@ -143,8 +144,8 @@ fn scans_in(dir: &Path) -> anyhow::Result<Vec<PathBuf>> {
 
 fn tell(number: usize, round: &Round, files: &[PathBuf]) {
     output::note(&format!(
-        "round {number}: {} faces, the mean moved {:.3} mm, the population lies {:.2} mm about it",
-        round.faces, round.moved_mm, round.spread_mm
+        "round {number}: {} faces, the mean moved {:.3} mm (and slid {:.3} mm), the population lies {:.2} mm about it",
+        round.faces, round.moved_mm, round.slid_mm, round.spread_mm
     ));
     for (i, reason) in &round.failed {
         output::note(&format!("  without {}: {reason}", files[*i].display()));
@@ -157,6 +158,7 @@ fn record<'a>(round: &'a Round, files: &[PathBuf]) -> RoundRecord<'a> {
     RoundRecord {
         faces: round.faces,
         moved_mm: round.moved_mm,
+        slid_mm: round.slid_mm,
         spread_mm: round.spread_mm,
         failed: (failed.map(|(i, reason)| Failure {
             file: name(*i).into_owned(),

@@ -22,7 +22,7 @@ const AT_ONCE: usize = 8;
 pub struct PopulationParams {
     /// Fewer registered faces make no mean.
     pub at_least: usize,
-    /// The mean is there when a round moves the face by less than this, RMS, mm.
+    /// The mean is there when a round moves the face's surface by less than this, RMS, mm.
     pub tolerance_mm: f64,
     /// Most rounds.
     pub max_rounds: usize,
@@ -46,8 +46,10 @@ pub struct Round {
     pub faces: usize,
     /// Scans that were not, by their number, and why.
     pub failed: Vec<(usize, String)>,
-    /// How far the mean face moved, RMS, mm.
+    /// How far the mean face's surface moved, RMS, mm.
     pub moved_mm: f64,
+    /// How far its vertices slid along the surface, RMS, mm: flat skin is not pinned by anything.
+    pub slid_mm: f64,
     /// Spread of the population about its mean, RMS over the face, mm.
     pub spread_mm: f64,
 }
@@ -132,10 +134,12 @@ fn one_round<E: std::fmt::Display>(
     }
     let shape = sum.mean();
     let next = head.reshaped(shape);
+    let [moved_mm, slid_mm] = sum.motion(&next.mesh.positions);
     let round = Round {
         faces: sum.faces,
         failed,
-        moved_mm: sum.face_rms(&next.mesh.positions),
+        moved_mm,
+        slid_mm,
         spread_mm: sum.spread(),
     };
     Ok((next, round))
@@ -223,13 +227,19 @@ impl<'a> Sum<'a> {
         }
     }
 
-    /// RMS distance over the face between the head that was registered to and `positions`, mm.
-    fn face_rms(&self, positions: &[Point3]) -> f64 {
-        let mean = &self.template.reference.mesh.positions;
-        let squares: f64 = (mean.iter().zip(positions).zip(&self.weights))
-            .map(|((a, b), w)| w * (a - b).norm_squared())
-            .sum();
-        (squares / self.weights.iter().sum::<f64>()).sqrt()
+    /// RMS motion over the face from the head that was registered to: of the surface and along it, mm.
+    fn motion(&self, positions: &[Point3]) -> [f64; 2] {
+        let mesh = &self.template.reference.mesh;
+        let normals = mesh.vertex_normals();
+        let mut squares = [0.0; 2];
+        for v in 0..positions.len() {
+            let step = positions[v] - mesh.positions[v];
+            let across = step.dot(&normals[v]);
+            squares[0] += self.weights[v] * across.powi(2);
+            squares[1] += self.weights[v] * (step - normals[v] * across).norm_squared();
+        }
+        let total: f64 = self.weights.iter().sum();
+        squares.map(|s| (s / total).sqrt())
     }
 
     /// RMS distance over the face of the population to the head that was registered to, mm.

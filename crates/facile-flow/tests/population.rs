@@ -30,7 +30,7 @@ fn a_population_has_a_symmetric_mean_on_the_same_topology() {
     let stop = PopulationParams {
         at_least: FACES,
         // Six faces on a coarse grid: their mean is known no better.
-        tolerance_mm: 0.35,
+        tolerance_mm: 0.3,
         ..PopulationParams::default()
     };
     let mean = build_reference(start, FACES, scan, &params(), stop, |_| ()).expect("a mean");
