@@ -193,8 +193,25 @@ impl Camera {
     /// Direction of [`Camera::ray`].
     #[inline(always)]
     pub(crate) fn direction(&self, [x, y]: [f64; 2]) -> [f32; 3] {
-        let along = |k: usize| (self.corner[k] + self.step_x[k] * x + self.step_y[k] * y) as f32;
+        let (column, row) = (self.direction_of_column(x), self.direction_of_row(y));
+        [
+            (column[0] + row[0]) as f32,
+            (column[1] + row[1]) as f32,
+            (column[2] + row[2]) as f32,
+        ]
+    }
+
+    /// What [`Camera::direction`] adds up, for the image's `x`.
+    #[inline(always)]
+    pub(crate) fn direction_of_column(&self, x: f64) -> [f64; 3] {
+        let along = |k: usize| self.corner[k] + self.step_x[k] * x;
         [along(0), along(1), along(2)]
+    }
+
+    /// What [`Camera::direction`] adds up, for the image's `y`.
+    #[inline(always)]
+    pub(crate) fn direction_of_row(&self, y: f64) -> [f64; 3] {
+        [self.step_y[0] * y, self.step_y[1] * y, self.step_y[2] * y]
     }
 
     /// Pixels `[x0, x1) x [y0, y1)` that the boxes can cover, each given by its smallest and largest corner in the

@@ -84,6 +84,11 @@ impl Projection {
         }
     }
 
+    /// Whether its lines are parallel.
+    pub(crate) fn is_parallel(&self) -> bool {
+        self.parallel.is_some()
+    }
+
     /// Where lines meet, or any point for parallel lines, mm.
     pub(crate) fn origin(&self) -> Vec3 {
         self.origin.coords.cast::<f32>()
@@ -143,8 +148,8 @@ fn frame(forward: Vector3<f64>) -> Matrix3<f64> {
 impl LocalProjection {
     /// Image position and depth of eight points.
     #[inline(always)]
-    pub(crate) fn project<L: Lanes>(&self, points: &[Eight; 3]) -> V3<L> {
-        let relative = V3::<L>::load(points) - V3::splat(self.origin);
+    pub(crate) fn project<L: Lanes>(&self, points: V3<L>) -> V3<L> {
+        let relative = points - V3::splat(self.origin);
         let x = V3::splat(self.rows[0]).dot(relative);
         let y = V3::splat(self.rows[1]).dot(relative);
         let z = V3::splat(self.rows[2]).dot(relative);
@@ -181,29 +186,43 @@ pub(crate) struct Footprints {
     pub(crate) clockwise: u32,
 }
 
-/// The boxes around up to eight triangles.
+/// Image positions and depths of the corners of up to eight triangles; further lanes repeat the last.
+#[inline(always)]
+pub(crate) fn project_corners<L: Lanes>(
+    projection: &LocalProjection,
+    triangles: &[[[f32; 3]; 3]],
+) -> [V3<L>; 3] {
+    let mut rows: [&[f32; LANES]; LANES] = [&[0.0; LANES]; LANES];
+    let mut last = Eight::default();
+    for lane in 0..LANES {
+        // The first eight of nine coordinates are a row; the ninth goes by itself
+        let nine = triangles[lane.min(triangles.len() - 1)].as_flattened();
+        if let Some(row) = nine.first_chunk() {
+            rows[lane] = row;
+        }
+        last.0[lane] = nine[8];
+    }
+    let [ax, ay, az, bx, by, bz, cx, cy] = L::transpose(rows);
+    [
+        projection.project(V3([ax, ay, az])),
+        projection.project(V3([bx, by, bz])),
+        projection.project(V3([cx, cy, L::load(&last)])),
+    ]
+}
+
+/// The boxes around the first `count` of eight triangles, given by their corners' image positions and depths.
 #[inline(always)]
 pub(crate) fn footprints<L: Lanes>(
     projection: &LocalProjection,
     steps: &Steps,
-    triangles: &[[Vec3; 3]],
+    [a, b, c]: &[V3<L>; 3],
+    count: usize,
 ) -> Footprints {
-    let mut corners = [[Eight::default(); 3]; 3];
-    for (lane, triangle) in triangles.iter().enumerate() {
-        for k in 0..3 {
-            corners[k][0].0[lane] = triangle[k].x;
-            corners[k][1].0[lane] = triangle[k].y;
-            corners[k][2].0[lane] = triangle[k].z;
-        }
-    }
-    let a = projection.project::<L>(&corners[0]);
-    let b = projection.project::<L>(&corners[1]);
-    let c = projection.project::<L>(&corners[2]);
     let x = span::<L>(projection, steps, 0, [a.0[0], b.0[0], c.0[0]]);
     let y = span::<L>(projection, steps, 1, [a.0[1], b.0[1], c.0[1]]);
     let ([ax, ay, az], [bx, by, bz], [cx, cy, cz]) = (a.0, b.0, c.0);
     let area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax);
-    let all = 0xFF >> (LANES - triangles.len());
+    let all = 0xFF >> (LANES - count);
     Footprints {
         first: [x.0.to_i32(), y.0.to_i32()],
         last: [x.1.to_i32(), y.1.to_i32()],

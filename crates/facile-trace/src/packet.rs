@@ -268,7 +268,7 @@ impl<L: Lanes> Packet<L> {
 
     /// Lanes that meet a triangle past `t_min`.
     #[inline(always)]
-    fn meet(&self, corners: &[Vec3; 3]) -> Option<Meeting<L>> {
+    fn meet(&self, corners: &[[f32; 3]; 3]) -> Option<Meeting<L>> {
         let [x, y, z] = self.axes;
         let [ox, oy, oz] = self.sheared_origin;
         let [a, b, c] = corners;

@@ -5,12 +5,12 @@
 //! that face the other way wait until the end, when most of them are found to be hidden.
 
 use crate::camera::Camera;
-use crate::footprint::{Projection, Steps, footprints};
+use crate::footprint::{Projection, Steps, footprints, project_corners};
 use crate::lanes::{Eight, Kernel, LANES, LaneMask, Lanes, lanes_of, run};
 use crate::math::{Vec3, vec3_from_point};
 use crate::object::Object;
 use crate::packet::{ShearBlock, meet_sheared};
-use crate::ray::{Hit, NO_OBJECT, Ray};
+use crate::ray::{Hit, Ray};
 use crate::scene::{Layer, Scene};
 
 /// Pixels of a block, in lane order row by row.
@@ -27,16 +27,39 @@ pub(crate) const DEPTH_SLACK: f32 = 1.0 - 2e-5;
 #[derive(Clone, Copy)]
 struct HitBlock {
     t: Eight,
-    hits: [LaneHit; LANES],
+    u: Eight,
+    v: Eight,
+    /// Bits are the triangle's number, see [`carried`].
+    triangle: Eight,
+    /// Bits are one more than the object's number, 0 for none.
+    object: Eight,
 }
 
-/// The rest of a hit.
-#[derive(Clone, Copy)]
-struct LaneHit {
-    u: f32,
-    v: f32,
-    object: u32,
-    triangle: u32,
+impl HitBlock {
+    const EMPTY: Self = Self {
+        t: Eight([f32::INFINITY; LANES]),
+        u: Eight([0.0; LANES]),
+        v: Eight([0.0; LANES]),
+        triangle: Eight([0.0; LANES]),
+        object: Eight([0.0; LANES]),
+    };
+
+    /// The hit of a lane, if there is one.
+    fn get(&self, lane: usize) -> Option<Hit> {
+        let object = self.object.0[lane].to_bits();
+        (object != 0).then(|| Hit {
+            t: self.t.0[lane],
+            object: object - 1,
+            triangle: self.triangle.0[lane].to_bits(),
+            u: self.u.0[lane],
+            v: self.v.0[lane],
+        })
+    }
+}
+
+/// A number in the bits of an `f32`, for lanes that are moved and never computed with.
+fn carried(number: u32) -> f32 {
+    f32::from_bits(number)
 }
 
 /// A rectangle of pixels in blocks.
@@ -86,19 +109,12 @@ pub(crate) fn draw(
     });
     for (index, block) in blocks.iter().enumerate() {
         let corner = grid.corner(index);
-        for (lane, hit) in block.hits.iter().enumerate() {
-            if hit.object != NO_OBJECT {
+        for lane in 0..LANES {
+            if let Some(hit) = block.get(lane) {
                 let pixel = [
                     corner[0] + lane % BLOCK_WIDTH,
                     corner[1] + lane / BLOCK_WIDTH,
                 ];
-                let hit = Hit {
-                    t: block.t.0[lane],
-                    object: hit.object,
-                    triangle: hit.triangle,
-                    u: hit.u,
-                    v: hit.v,
-                };
                 visit(pixel.map(|v| v as u32), hit);
             }
         }
@@ -164,7 +180,7 @@ struct Canvas<'a> {
     /// Start of the rays in the object's frame.
     origin: Vec3,
     /// Corners and numbers of the triangles, in leaf order: neighbours come together.
-    corners: &'a [[Vec3; 3]],
+    corners: &'a [[[f32; 3]; 3]],
     ids: &'a [u32],
 }
 
@@ -173,18 +189,8 @@ impl Kernel for Draw<'_> {
 
     #[inline(always)]
     fn run<L: Lanes>(self) -> Vec<HitBlock> {
-        let nothing = LaneHit {
-            u: 0.0,
-            v: 0.0,
-            object: NO_OBJECT,
-            triangle: 0,
-        };
-        let empty = HitBlock {
-            t: Eight([f32::INFINITY; LANES]),
-            hits: [nothing; LANES],
-        };
         let grid = &self.grid;
-        let mut blocks = vec![empty; grid.columns * grid.rows];
+        let mut blocks = vec![HitBlock::EMPTY; grid.columns * grid.rows];
         let all = [0, 0, grid.columns, grid.rows];
         let projection = Projection::of_camera(self.camera);
         let eye = Ray::new(vec3_from_point(self.camera.position()), Vec3::z());
@@ -229,7 +235,8 @@ impl Kernel for Draw<'_> {
             };
             waiting.clear();
             for (eight, triangles) in canvas.corners.chunks(LANES).enumerate() {
-                let found = footprints::<L>(&local, &steps, triangles);
+                let corners = project_corners::<L>(&local, triangles);
+                let found = footprints::<L>(&local, &steps, &corners, triangles.len());
                 for lane in lanes_of(found.present) {
                     let patch = Patch {
                         slot: (eight * LANES + lane) as u32,
@@ -252,7 +259,10 @@ impl Kernel for Draw<'_> {
                 }
             }
             furthest.clear();
-            furthest.extend(blocks.iter().map(|b| b.t.0.into_iter().fold(0.0, f32::max)));
+            furthest.extend(blocks.iter().map(|b| {
+                let [a, b, c, d, e, f, g, h] = b.t.0;
+                a.max(b).max(c.max(d)).max(e.max(f).max(g.max(h)))
+            }));
             for patch in &waiting {
                 canvas.draw::<L>(patch, Some(&furthest), &mut blocks);
             }
@@ -267,7 +277,7 @@ impl Canvas<'_> {
     fn draw<L: Lanes>(&self, patch: &Patch, furthest: Option<&[f32]>, blocks: &mut [HitBlock]) {
         let columns = self.grid.columns;
         let triangle = self.ids[patch.slot as usize];
-        let [a, b, c] = self.corners[patch.slot as usize].map(|p| p - self.origin);
+        let [a, b, c] = self.corners[patch.slot as usize].map(|p| Vec3::from(p) - self.origin);
         for y in patch.first[1]..=patch.last[1] {
             for x in patch.first[0]..=patch.last[0] {
                 let index = y as usize * columns + x as usize;
@@ -291,25 +301,28 @@ impl Canvas<'_> {
                     };
                     let nearest = L::load(&block.t);
                     let met = meeting.met & L::splat(0.0).lt(meeting.t);
-                    let near = (met & meeting.t.le(nearest)).bits();
-                    if near != 0 {
-                        let (t, u, v) = (meeting.t.store(), meeting.v.store(), meeting.w.store());
-                        for lane in lanes_of(near) {
-                            let old = &block.hits[lane];
-                            // Of equal distances the lower object, then the lower triangle wins
-                            let is_later = old.object != self.object || old.triangle < triangle;
-                            if t.0[lane] >= block.t.0[lane] && is_later {
-                                continue;
-                            }
-                            block.t.0[lane] = t.0[lane];
-                            block.hits[lane] = LaneHit {
-                                u: u.0[lane],
-                                v: v.0[lane],
-                                object: self.object,
-                                triangle,
-                            };
-                        }
+                    let mut closer = met & meeting.t.lt(nearest);
+                    // Of equal distances the lower object, then the lower triangle wins
+                    let tied = (met & meeting.t.eq(nearest)).bits();
+                    if tied != 0 {
+                        let is_lower = |lane: &usize| {
+                            let old = block.get(*lane);
+                            old.is_some_and(|h| h.object == self.object && triangle < h.triangle)
+                        };
+                        let lower = lanes_of(tied).filter(is_lower);
+                        let lower = lower.fold(0, |bits, lane| bits | 1 << lane);
+                        closer = closer | L::Mask::from_bits(lower);
                     }
+                    if !closer.any() {
+                        continue;
+                    }
+                    block.t = L::select(closer, meeting.t, nearest).store();
+                    block.u = L::select(closer, meeting.v, L::load(&block.u)).store();
+                    block.v = L::select(closer, meeting.w, L::load(&block.v)).store();
+                    let own = L::splat(carried(triangle));
+                    block.triangle = L::select(closer, own, L::load(&block.triangle)).store();
+                    let own = L::splat(carried(self.object + 1));
+                    block.object = L::select(closer, own, L::load(&block.object)).store();
                 }
             }
         }
@@ -325,21 +338,39 @@ fn shear_blocks<L: Lanes>(
     blocks: &mut [ShearBlock],
 ) {
     let grid = &pass.grid;
+    // Directions are sums of what the column and what the row gives
+    let columns: Vec<[f64; 3]> = (0..grid.columns * BLOCK_WIDTH)
+        .map(|x| {
+            pass.camera
+                .direction_of_column((grid.bounds[0] + x) as f64 + grid.offset[0])
+        })
+        .collect();
     for by in y0..y1 {
+        let rows: [[f64; 3]; BLOCK_HEIGHT] = std::array::from_fn(|k| {
+            let y = grid.bounds[1] + by * BLOCK_HEIGHT + k;
+            pass.camera.direction_of_row(y as f64 + grid.offset[1])
+        });
         for bx in x0..x1 {
             let index = by * grid.columns + bx;
             let [x, y] = grid.corner(index);
             let mut direction = [Eight::default(); 3];
-            for lane in 0..LANES {
-                let px = (x + lane % BLOCK_WIDTH) as f64 + grid.offset[0];
-                let py = (y + lane / BLOCK_WIDTH) as f64 + grid.offset[1];
-                let mut d = Vec3::from(pass.camera.direction([px, py]));
-                if let Some(object) = object {
-                    d = object.ray_in_object(&Ray::new(Vec3::zeros(), d)).direction;
+            let own = &columns[bx * BLOCK_WIDTH..(bx + 1) * BLOCK_WIDTH];
+            for axis in 0..3 {
+                for k in 0..BLOCK_HEIGHT {
+                    for (lane, column) in own.iter().enumerate() {
+                        let sum = (column[axis] + rows[k][axis]) as f32;
+                        direction[axis].0[k * BLOCK_WIDTH + lane] = sum;
+                    }
                 }
-                direction[0].0[lane] = d.x;
-                direction[1].0[lane] = d.y;
-                direction[2].0[lane] = d.z;
+            }
+            if let Some(object) = object {
+                for lane in 0..LANES {
+                    let d = Vec3::from_fn(|k, _| direction[k].0[lane]);
+                    let d = object.ray_in_object(&Ray::new(Vec3::zeros(), d)).direction;
+                    direction[0].0[lane] = d.x;
+                    direction[1].0[lane] = d.y;
+                    direction[2].0[lane] = d.z;
+                }
             }
             blocks[index] = ShearBlock::new::<L>(&direction, grid.inside([x, y]));
         }

@@ -5,7 +5,7 @@
 //! gets the test that a packet through the tree would give it, on the same numbers: the cells decide what is tested and
 //! never what is blocked. Source: Johnson, Lee, Burns, Mark, The Irregular Z-Buffer, ACM TOG 24(4), 2005.
 
-use crate::footprint::{LocalProjection, Projection, Steps, footprints};
+use crate::footprint::{LocalProjection, Projection, Steps, footprints, project_corners};
 use crate::lanes::{Eight, Kernel, LANES, LaneMask, Lanes, V3, lanes_of, run};
 use crate::light::Light;
 use crate::math::Vec3;
@@ -18,27 +18,58 @@ const RAYS_PER_CELL: usize = 4;
 /// More triangles per ray than this, and packets through the tree are faster.
 const MAX_TRIANGLES_PER_RAY: usize = 8;
 
-/// Share of the largest distance by which a depth must be larger to be behind for sure.
-const DEPTH_SLACK: f32 = 2e-5;
+/// Share of a nearness by which another must be smaller to be behind for sure.
+const NEARNESS_SLACK: f32 = 1e-5;
 
-/// Rays of one cell.
-#[derive(Clone, Copy, Default)]
+/// Rounding of image positions as a share of their size, and at least, in cells.
+const POSITION_SHARE: f32 = 4e-6;
+const POSITION_ROUNDING: f32 = 1e-4;
+
+/// Distance from a triangle's box within which rays may meet it, in cells.
+const BOX_MARGIN: f32 = 1.0 / 64.0;
+
+/// Cells along each side of a tile.
+const TILE: usize = 8;
+
+/// Rays of one cell, ready to be tested.
+#[derive(Clone, Copy)]
 struct CellBlock {
     origin: [Eight; 3],
-    direction: [Eight; 3],
     t_max: Eight,
     shear: ShearBlock,
-    /// Ray of each lane.
-    ray: [u32; LANES],
 }
 
 /// What decides whether a triangle needs to look at a block: apart from it, since most do not.
 #[derive(Clone, Copy)]
 struct Head {
-    /// Largest depth of the rays' starts in the light's image.
-    furthest: f32,
+    /// Smallest nearness of the rays' starts in the light's image.
+    lowest: f32,
+    /// Lanes with a ray.
+    present: u8,
     /// Lanes with a ray that nothing blocks so far.
-    open: u32,
+    open: u8,
+    /// Number among the blocks that a triangle came close to, [`UNTOUCHED`] for none.
+    block: u32,
+}
+
+/// Nothing came close to the rays.
+const UNTOUCHED: u32 = u32::MAX;
+
+/// Where the rays of a block start: `x` and `y` in cells, and nearness.
+type Starts = [Eight; 3];
+
+/// Eight triangles in the light's image: their nearness is `a x + b y + c`, margin included.
+///
+/// Nearness is what grows towards the light and is linear over the image: one over the depth, or for parallel light the
+/// depth's negative.
+struct Slopes {
+    a: Eight,
+    b: Eight,
+    c: Eight,
+    nearest: Eight,
+    /// Box around the triangle, in cells.
+    low: [Eight; 2],
+    high: [Eight; 2],
 }
 
 /// Whether sorting `rays` into cells is possible and worth it for an object: it is posed as its mesh is, lies on one side
@@ -105,7 +136,14 @@ struct Cells {
     /// First block of each cell, and the number of blocks.
     first: Vec<u32>,
     heads: Vec<Head>,
+    starts: Vec<Starts>,
+    /// The ray of each lane.
+    rays: Vec<[u32; LANES]>,
+    /// Blocks that some triangle came close to.
     blocks: Vec<CellBlock>,
+    /// Smallest nearness in each tile of cells, row by row: most triangles of a head's far side stop here.
+    tiles: Vec<f32>,
+    tile_columns: usize,
 }
 
 impl Kernel for Block<'_> {
@@ -124,29 +162,23 @@ impl Kernel for Block<'_> {
         for object in self.objects {
             // In leaf order neighbours come together
             for triangles in object.bvh.corners.chunks(LANES) {
-                let found = footprints::<L>(&local, &steps, triangles);
+                let corners = project_corners::<L>(&local, triangles);
+                let found = footprints::<L>(&local, &steps, &corners, triangles.len());
+                if found.present == 0 {
+                    continue;
+                }
+                let slopes = Slopes::new::<L>(&corners, self.image.is_parallel(), reach);
                 for lane in lanes_of(found.present) {
-                    let corners = &triangles[lane];
-                    let nearest = found.nearest.0[lane] - DEPTH_SLACK * reach;
-                    let columns = found.first[0][lane] as usize..=found.last[0][lane] as usize;
-                    for row in found.first[1][lane] as usize..=found.last[1][lane] as usize {
-                        let from = row * cells.columns;
-                        let first = cells.first[from + columns.start()] as usize;
-                        let end = cells.first[from + columns.end() + 1] as usize;
-                        for index in first..end {
-                            let head = &mut cells.heads[index];
-                            if head.open != 0 && nearest <= head.furthest {
-                                cells.blocks[index].draw::<L>(corners, &mut head.open);
-                            }
-                        }
-                    }
+                    let from = [found.first[0][lane], found.first[1][lane]];
+                    let to = [found.last[0][lane], found.last[1][lane]];
+                    let area = [from, to].map(|at| at.map(|v| v as usize));
+                    cells.draw::<L>(self.blocks, &triangles[lane], area, &slopes, lane);
                 }
             }
         }
-        for (block, head) in cells.blocks.iter().zip(&cells.heads) {
-            let closed = block.shear.by_axis.iter().fold(0, |all, b| all | b) & !head.open;
-            for lane in lanes_of(closed) {
-                let ray = block.ray[lane] as usize;
+        for (rays, head) in cells.rays.iter().zip(&cells.heads) {
+            for lane in lanes_of(u32::from(head.present & !head.open)) {
+                let ray = rays[lane] as usize;
                 self.blocked[ray / LANES] |= 1 << (ray % LANES);
             }
         }
@@ -174,6 +206,7 @@ impl Block<'_> {
         let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
         let mut at: Vec<[f32; 3]> = Vec::with_capacity(self.count);
         self.place::<L>(&local, &mut at);
+        let is_parallel = self.image.is_parallel();
         for p in &at {
             for k in 0..2 {
                 low[k] = low[k].min(p[k]);
@@ -192,9 +225,11 @@ impl Block<'_> {
         // Count the rays of each cell, and give them whole blocks
         let mut cell_of = Vec::with_capacity(self.count);
         let mut next = vec![0_u32; columns * rows];
-        for p in &at {
-            let x = (((p[0] - low[0]) * scale[0]) as usize).min(columns - 1);
-            let y = (((p[1] - low[1]) * scale[1]) as usize).min(rows - 1);
+        for p in &mut at {
+            (p[0], p[1]) = ((p[0] - low[0]) * scale[0], (p[1] - low[1]) * scale[1]);
+            p[2] = if is_parallel { -p[2] } else { 1.0 / p[2] };
+            let x = (p[0] as usize).min(columns - 1);
+            let y = (p[1] as usize).min(rows - 1);
             cell_of.push((y * columns + x) as u32);
             next[y * columns + x] += 1;
         }
@@ -207,40 +242,43 @@ impl Block<'_> {
         }
         first.push(total);
         // Move the rays there
-        let empty = CellBlock {
-            direction: [Eight([1.0; LANES]); 3],
-            ..CellBlock::default()
-        };
-        let mut blocks = vec![empty; total as usize];
         let nothing = Head {
-            furthest: f32::NEG_INFINITY,
+            lowest: f32::INFINITY,
+            present: 0,
             open: 0,
+            block: UNTOUCHED,
         };
+        let mut rays = vec![[0; LANES]; total as usize];
         let mut heads = vec![nothing; total as usize];
+        let mut starts = vec![Starts::default(); total as usize];
+        let tile_columns = columns.div_ceil(TILE);
+        let mut tiles = vec![f32::INFINITY; tile_columns * rows.div_ceil(TILE)];
         for (ray, (cell, p)) in cell_of.iter().zip(&at).enumerate() {
             let slot = next[*cell as usize] as usize;
             next[*cell as usize] += 1;
-            let (own, lane) = (&mut blocks[slot / LANES], slot % LANES);
-            let (from, k) = (&self.blocks[ray / LANES], ray % LANES);
+            let (block, lane) = (slot / LANES, slot % LANES);
+            rays[block][lane] = ray as u32;
             for axis in 0..3 {
-                own.origin[axis].0[lane] = from.origin[axis].0[k];
-                own.direction[axis].0[lane] = from.direction[axis].0[k];
+                starts[block][axis].0[lane] = p[axis];
             }
-            own.t_max.0[lane] = from.t_max.0[k];
-            own.ray[lane] = ray as u32;
-            let head = &mut heads[slot / LANES];
-            head.furthest = head.furthest.max(p[2]);
-            head.open |= 1 << lane;
-        }
-        for (block, head) in blocks.iter_mut().zip(&heads) {
-            block.shear = ShearBlock::new::<L>(&block.direction, head.open);
+            let head = &mut heads[block];
+            head.lowest = head.lowest.min(p[2]);
+            head.present |= 1 << lane;
+            head.open = head.present;
+            let (x, y) = (*cell as usize % columns, *cell as usize / columns);
+            let tile = &mut tiles[y / TILE * tile_columns + x / TILE];
+            *tile = tile.min(p[2]);
         }
         Cells {
             columns,
             rows,
             first,
             heads,
-            blocks,
+            starts,
+            rays,
+            blocks: Vec::new(),
+            tiles,
+            tile_columns,
         }
     }
 
@@ -248,7 +286,7 @@ impl Block<'_> {
     #[inline(always)]
     fn place<L: Lanes>(&self, local: &LocalProjection, at: &mut Vec<[f32; 3]>) {
         for (index, block) in self.blocks.iter().enumerate() {
-            let V3([x, y, z]) = local.project::<L>(&block.origin);
+            let V3([x, y, z]) = local.project(V3::<L>::load(&block.origin));
             let (x, y, z) = (x.store().0, y.store().0, z.store().0);
             for k in 0..LANES.min(self.count - (index * LANES).min(self.count)) {
                 at.push([x[k], y[k], z[k]]);
@@ -257,10 +295,161 @@ impl Block<'_> {
     }
 }
 
-impl CellBlock {
-    /// Closes the lanes that a triangle blocks.
+impl Slopes {
+    /// The slopes of eight triangles, given by their corners' image positions and depths.
     #[inline(always)]
-    fn draw<L: Lanes>(&self, [a, b, c]: &[Vec3; 3], open: &mut u32) {
+    fn new<L: Lanes>(corners: &[V3<L>; 3], is_parallel: bool, reach: f32) -> Self {
+        let (zero, one) = (L::splat(0.0), L::splat(1.0));
+        let [V3([ax, ay, az]), V3([bx, by, bz]), V3([cx, cy, cz])] = *corners;
+        let near = [
+            if is_parallel { zero - az } else { one / az },
+            if is_parallel { zero - bz } else { one / bz },
+            if is_parallel { zero - cz } else { one / cz },
+        ];
+        let (dx, dy, dn) = (bx - ax, by - ay, near[1] - near[0]);
+        let (ex, ey, en) = (cx - ax, cy - ay, near[2] - near[0]);
+        let area = dx * ey - dy * ex;
+        let inverse = one / area;
+        let slope_x = (dn * ey - en * dy) * inverse;
+        let slope_y = (dx * en - ex * dn) * inverse;
+        // Rounding of the positions as a share of the triangle's height
+        let size_x = ax.max(bx).max(cx) - ax.min(bx).min(cx);
+        let size_y = ay.max(by).max(cy) - ay.min(by).min(cy);
+        let largest = magnitude(ax).max(magnitude(ay)) + size_x + size_y;
+        let rounding = largest * L::splat(POSITION_SHARE) + L::splat(POSITION_ROUNDING);
+        let share = rounding * (size_x + size_y) / magnitude(area);
+        let steepness =
+            magnitude(slope_x) * (size_x + rounding) + magnitude(slope_y) * (size_y + rounding);
+        let nearest = near[0].max(near[1]).max(near[2]);
+        let slack = if is_parallel {
+            L::splat(NEARNESS_SLACK * reach)
+        } else {
+            nearest * L::splat(NEARNESS_SLACK)
+        };
+        let margin = slack
+            + steepness * share * L::splat(4.0)
+            + (magnitude(slope_x) + magnitude(slope_y)) * rounding * L::splat(4.0);
+        // A triangle seen from its edge may be anywhere
+        let is_flat = share.lt(L::splat(0.1));
+        Self {
+            a: L::select(is_flat, slope_x, zero).store(),
+            b: L::select(is_flat, slope_y, zero).store(),
+            c: L::select(
+                is_flat,
+                near[0] - slope_x * ax - slope_y * ay + margin,
+                L::splat(f32::INFINITY),
+            )
+            .store(),
+            nearest: (nearest + slack).store(),
+            low: [
+                (ax.min(bx).min(cx) - L::splat(BOX_MARGIN) - rounding).store(),
+                (ay.min(by).min(cy) - L::splat(BOX_MARGIN) - rounding).store(),
+            ],
+            high: [
+                (ax.max(bx).max(cx) + L::splat(BOX_MARGIN) + rounding).store(),
+                (ay.max(by).max(cy) + L::splat(BOX_MARGIN) + rounding).store(),
+            ],
+        }
+    }
+}
+
+#[inline(always)]
+fn magnitude<L: Lanes>(v: L) -> L {
+    v.max(L::splat(0.0) - v)
+}
+
+impl Cells {
+    /// Closes the rays that a triangle blocks in the cells `[first, last]`; `lane` is its place among the slopes.
+    #[inline(always)]
+    fn draw<L: Lanes>(
+        &mut self,
+        rays: &[RayBlock],
+        corners: &[[f32; 3]; 3],
+        [first, last]: [[usize; 2]; 2],
+        slopes: &Slopes,
+        lane: usize,
+    ) {
+        let nearest = slopes.nearest.0[lane];
+        let tile_rows = first[1] / TILE..=last[1] / TILE;
+        let is_hidden = tile_rows.into_iter().all(|row| {
+            let row = row * self.tile_columns;
+            let tiles = &self.tiles[row + first[0] / TILE..=row + last[0] / TILE];
+            tiles.iter().all(|lowest| nearest < *lowest)
+        });
+        if is_hidden {
+            return;
+        }
+
+        let (a, b, c) = (
+            L::splat(slopes.a.0[lane]),
+            L::splat(slopes.b.0[lane]),
+            L::splat(slopes.c.0[lane]),
+        );
+        let (left, right) = (
+            L::splat(slopes.low[0].0[lane]),
+            L::splat(slopes.high[0].0[lane]),
+        );
+        let (top, bottom) = (
+            L::splat(slopes.low[1].0[lane]),
+            L::splat(slopes.high[1].0[lane]),
+        );
+        for row in first[1]..=last[1] {
+            let from = row * self.columns;
+            let blocks =
+                self.first[from + first[0]] as usize..self.first[from + last[0] + 1] as usize;
+            for (index, head) in blocks.clone().zip(&mut self.heads[blocks]) {
+                if head.open == 0 || nearest < head.lowest {
+                    continue;
+                }
+                // Most triangles are the ones that the rays start on, just behind them
+                let [x, y, near] = &self.starts[index];
+                let (x, y) = (L::load(x), L::load(y));
+                let in_box = left.le(x) & x.le(right) & top.le(y) & y.le(bottom);
+                let is_behind = in_box & L::load(near).le(a * x + b * y + c);
+                if is_behind.bits() & u32::from(head.open) == 0 {
+                    continue;
+                }
+                if head.block == UNTOUCHED {
+                    head.block = self.blocks.len() as u32;
+                    let present = u32::from(head.present);
+                    let block = CellBlock::gather::<L>(rays, &self.rays[index], present);
+                    self.blocks.push(block);
+                }
+                let open = u32::from(head.open);
+                head.open = self.blocks[head.block as usize].open_behind::<L>(corners, open) as u8;
+            }
+        }
+    }
+}
+
+impl CellBlock {
+    /// The rays `numbers` of `rays` in the lanes `present`.
+    #[inline(always)]
+    fn gather<L: Lanes>(rays: &[RayBlock], numbers: &[u32; LANES], present: u32) -> Self {
+        let mut direction = [Eight([1.0; LANES]); 3];
+        let mut own = Self {
+            origin: [Eight::default(); 3],
+            t_max: Eight::default(),
+            shear: ShearBlock::default(),
+        };
+        for lane in lanes_of(present) {
+            let (from, k) = (
+                &rays[numbers[lane] as usize / LANES],
+                numbers[lane] as usize % LANES,
+            );
+            for axis in 0..3 {
+                own.origin[axis].0[lane] = from.origin[axis].0[k];
+                direction[axis].0[lane] = from.direction[axis].0[k];
+            }
+            own.t_max.0[lane] = from.t_max.0[k];
+        }
+        own.shear = ShearBlock::new::<L>(&direction, present);
+        own
+    }
+
+    /// The lanes of `open` that a triangle leaves open.
+    #[inline(always)]
+    fn open_behind<L: Lanes>(&self, [a, b, c]: &[[f32; 3]; 3], mut open: u32) -> u32 {
         let shear = self.shear.shear::<L>();
         for axis in self.shear.axes() {
             let [i, j, k] = ShearBlock::axes_from(axis);
@@ -274,14 +463,15 @@ impl CellBlock {
                     [L::splat(c[i]) - x, L::splat(c[j]) - y, L::splat(c[k]) - z],
                 ],
                 &shear,
-                L::Mask::from_bits(self.shear.by_axis[axis] & *open),
+                L::Mask::from_bits(self.shear.by_axis[axis] & open),
             ) else {
                 continue;
             };
             let after_start = L::splat(0.0).lt(meeting.t);
             let before_end = meeting.t.lt(L::load(&self.t_max));
-            *open &= !(meeting.met & after_start & before_end).bits();
+            open &= !(meeting.met & after_start & before_end).bits();
         }
+        open
     }
 }
 

@@ -22,7 +22,7 @@ pub struct Bvh {
     /// Root first, children adjacent and behind their parent. Empty for an empty mesh.
     pub(crate) nodes: Vec<Node>,
     /// Corners of each triangle in leaf order, mm.
-    pub(crate) corners: Vec<[Vec3; 3]>,
+    pub(crate) corners: Vec<[[f32; 3]; 3]>,
     /// Mesh index of each triangle in leaf order.
     pub(crate) triangle_ids: Vec<u32>,
     depth: usize,

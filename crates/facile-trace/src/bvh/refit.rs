@@ -22,7 +22,7 @@ impl Bvh {
         self.corners.extend(
             self.triangle_ids
                 .iter()
-                .map(|&id| triangles[id as usize].map(|v| positions[v as usize])),
+                .map(|&id| triangles[id as usize].map(|v| positions[v as usize].into())),
         );
         for index in (0..self.nodes.len()).rev() {
             let node = self.nodes[index];
@@ -37,7 +37,7 @@ impl Bvh {
     }
 }
 
-fn leaf_box(corners: &[[Vec3; 3]]) -> ([f32; 3], [f32; 3]) {
+fn leaf_box(corners: &[[[f32; 3]; 3]]) -> ([f32; 3], [f32; 3]) {
     let (mut min, mut max) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
     for p in corners.iter().flatten() {
         min = std::array::from_fn(|k| min[k].min(p[k]));

@@ -64,7 +64,8 @@ impl Bvh {
         let mut found = false;
         self.visit_leaves(ray, ray.t_max, |tree, first, count| {
             for slot in first..first + count {
-                let Some((t, u, v)) = intersect(ray, &shear, &tree.corners[slot]) else {
+                let Some((t, u, v)) = intersect(ray, &shear, &tree.corners[slot].map(Vec3::from))
+                else {
                     continue;
                 };
                 let triangle = tree.triangle_ids[slot];
@@ -83,9 +84,9 @@ impl Bvh {
         let shear = RayShear::new(ray.direction);
         let mut found = false;
         self.visit_leaves(ray, ray.t_max, |tree, first, count| {
-            found = tree.corners[first..first + count]
-                .iter()
-                .any(|c| intersect(ray, &shear, c).is_some_and(|(t, ..)| t < ray.t_max));
+            found = tree.corners[first..first + count].iter().any(|c| {
+                intersect(ray, &shear, &c.map(Vec3::from)).is_some_and(|(t, ..)| t < ray.t_max)
+            });
             (!found).then_some(ray.t_max)
         });
         found

@@ -99,6 +99,11 @@ impl Lanes for Portable {
     }
 
     #[inline(always)]
+    fn transpose(rows: [&[f32; LANES]; LANES]) -> [Self; LANES] {
+        from_fn(|k| Self(from_fn(|j| rows[j][k])))
+    }
+
+    #[inline(always)]
     fn select(mask: PortableMask, yes: Self, no: Self) -> Self {
         Self(from_fn(|k| if mask.0[k] { yes.0[k] } else { no.0[k] }))
     }

@@ -197,6 +197,54 @@ impl Lanes for Avx2 {
     }
 
     #[inline(always)]
+    fn transpose(rows: [&[f32; LANES]; LANES]) -> [Self; LANES] {
+        // SAFETY: as for `splat`; every row holds eight numbers.
+        unsafe {
+            let [a, b, c, d, e, f, g, h] = [
+                _mm256_loadu_ps(rows[0].as_ptr()),
+                _mm256_loadu_ps(rows[1].as_ptr()),
+                _mm256_loadu_ps(rows[2].as_ptr()),
+                _mm256_loadu_ps(rows[3].as_ptr()),
+                _mm256_loadu_ps(rows[4].as_ptr()),
+                _mm256_loadu_ps(rows[5].as_ptr()),
+                _mm256_loadu_ps(rows[6].as_ptr()),
+                _mm256_loadu_ps(rows[7].as_ptr()),
+            ];
+            // Transpose each half of four rows, then put the halves together
+            let (ab, cd) = (_mm256_unpacklo_ps(a, b), _mm256_unpacklo_ps(c, d));
+            let (ef, gh) = (_mm256_unpacklo_ps(e, f), _mm256_unpacklo_ps(g, h));
+            let (first, first_low) = (
+                _mm256_shuffle_ps::<0x44>(ab, cd),
+                _mm256_shuffle_ps::<0x44>(ef, gh),
+            );
+            let (second, second_low) = (
+                _mm256_shuffle_ps::<0xEE>(ab, cd),
+                _mm256_shuffle_ps::<0xEE>(ef, gh),
+            );
+            let (ab, cd) = (_mm256_unpackhi_ps(a, b), _mm256_unpackhi_ps(c, d));
+            let (ef, gh) = (_mm256_unpackhi_ps(e, f), _mm256_unpackhi_ps(g, h));
+            let (third, third_low) = (
+                _mm256_shuffle_ps::<0x44>(ab, cd),
+                _mm256_shuffle_ps::<0x44>(ef, gh),
+            );
+            let (fourth, fourth_low) = (
+                _mm256_shuffle_ps::<0xEE>(ab, cd),
+                _mm256_shuffle_ps::<0xEE>(ef, gh),
+            );
+            [
+                Self(_mm256_permute2f128_ps::<0x20>(first, first_low)),
+                Self(_mm256_permute2f128_ps::<0x20>(second, second_low)),
+                Self(_mm256_permute2f128_ps::<0x20>(third, third_low)),
+                Self(_mm256_permute2f128_ps::<0x20>(fourth, fourth_low)),
+                Self(_mm256_permute2f128_ps::<0x31>(first, first_low)),
+                Self(_mm256_permute2f128_ps::<0x31>(second, second_low)),
+                Self(_mm256_permute2f128_ps::<0x31>(third, third_low)),
+                Self(_mm256_permute2f128_ps::<0x31>(fourth, fourth_low)),
+            ]
+        }
+    }
+
+    #[inline(always)]
     fn select(mask: Self, yes: Self, no: Self) -> Self {
         // SAFETY: values of this type occur only behind the check of `run_avx2`.
         Self(unsafe { _mm256_blendv_ps(no.0, yes.0, mask.0) })
@@ -277,6 +325,26 @@ impl Lanes for Sse2 {
     }
 
     #[inline(always)]
+    fn transpose(rows: [&[f32; LANES]; LANES]) -> [Self; LANES] {
+        let [a, b, c, d] = [
+            transposed_quarter([rows[0], rows[1], rows[2], rows[3]], 0),
+            transposed_quarter([rows[4], rows[5], rows[6], rows[7]], 0),
+            transposed_quarter([rows[0], rows[1], rows[2], rows[3]], 4),
+            transposed_quarter([rows[4], rows[5], rows[6], rows[7]], 4),
+        ];
+        [
+            Self(a[0], b[0]),
+            Self(a[1], b[1]),
+            Self(a[2], b[2]),
+            Self(a[3], b[3]),
+            Self(c[0], d[0]),
+            Self(c[1], d[1]),
+            Self(c[2], d[2]),
+            Self(c[3], d[3]),
+        ]
+    }
+
+    #[inline(always)]
     fn select(mask: Self, yes: Self, no: Self) -> Self {
         // SAFETY: every x86-64 processor has SSE2.
         unsafe {
@@ -285,6 +353,31 @@ impl Lanes for Sse2 {
                 _mm_or_ps(_mm_and_ps(mask.1, yes.1), _mm_andnot_ps(mask.1, no.1)),
             )
         }
+    }
+}
+
+/// Numbers `from..from + 4` of four rows, transposed.
+#[inline(always)]
+fn transposed_quarter(rows: [&[f32; LANES]; 4], from: usize) -> [__m128; 4] {
+    let rows = rows.map(|row| &row[from..from + 4]);
+    // SAFETY: every x86-64 processor has SSE2; every row holds four numbers.
+    unsafe {
+        let (a, b) = (
+            _mm_loadu_ps(rows[0].as_ptr()),
+            _mm_loadu_ps(rows[1].as_ptr()),
+        );
+        let (c, d) = (
+            _mm_loadu_ps(rows[2].as_ptr()),
+            _mm_loadu_ps(rows[3].as_ptr()),
+        );
+        let (ab, cd) = (_mm_unpacklo_ps(a, b), _mm_unpacklo_ps(c, d));
+        let (ab_high, cd_high) = (_mm_unpackhi_ps(a, b), _mm_unpackhi_ps(c, d));
+        [
+            _mm_movelh_ps(ab, cd),
+            _mm_movehl_ps(cd, ab),
+            _mm_movelh_ps(ab_high, cd_high),
+            _mm_movehl_ps(cd_high, ab_high),
+        ]
     }
 }
 
