@@ -64,6 +64,18 @@ pub enum Error {
         /// The dataset's size.
         len: u64,
     },
+    /// A sample for which no draw meets the constraints of `[sampling]`.
+    #[error(
+        "{tries} tries find no draw of sample {index} that meets sampling.constraint[{constraint}]"
+    )]
+    Draw {
+        /// The sample's number.
+        index: u64,
+        /// How many draws were tried.
+        tries: u32,
+        /// The constraint, counted from 0, that the last of them broke.
+        constraint: usize,
+    },
     /// The thread pool could not be made.
     #[error("could not start {threads} threads: {reason}")]
     Threads {

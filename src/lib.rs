@@ -1,6 +1,6 @@
 //! Labelled face datasets from 3D scans: registration, muscle simulation, ray tracing.
 //!
-//! A [`Recipe`] says what a dataset holds, [`plan`] numbers its samples, [`pipeline`] makes them, [`write`](mod@write)
+//! A [`Recipe`] says what a dataset holds, [`plan`] numbers its samples, [`sampling`] draws them where it is asked to, [`pipeline`] makes them, [`write`](mod@write)
 //! stores them, and [`generate`](mod@generate) runs it all. The stages come from the crates re-exported here: [`core`]
 //! the vocabulary, [`flow`] registration, [`sim`] the muscles, [`trace`] rendering. Read `ARCHITECTURE.md` first.
 
@@ -17,6 +17,7 @@ pub mod plan;
 pub mod predict;
 pub mod recipe;
 pub mod record;
+pub mod sampling;
 pub mod sheet;
 pub mod units;
 pub mod verify;

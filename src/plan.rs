@@ -2,20 +2,24 @@
 //!
 //! A sample's index is its position in mixed radix, subjects slowest, then expressions, occluders, views, and lightings
 //! fastest. Neighbours thus share what is dear: all samples of one (subject, expression) share an equilibrium and form
-//! a *group*, the unit of work and of resuming; all lightings of one view share its primary rays and maps.
+//! a *group*, the unit of work and of resuming; all lightings of one view share its primary rays and maps. Samples that
+//! are drawn (`[sampling]`) have the same shape: visits to a subject, poses of a visit, views of a pose, lights of a view.
 
+use std::borrow::Cow;
 use std::ops::Range;
 
 use serde::Serialize;
 
+use crate::Error;
 use crate::recipe::Recipe;
+use crate::sampling::Scene;
 
 /// The shape of the grid of samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Grid {
-    /// Number of subjects.
+    /// Number of subjects; of visits to one where samples are drawn.
     pub subjects: u64,
-    /// Number of expressions, each intensity counted.
+    /// Number of expressions, each intensity counted; of poses of a visit where samples are drawn.
     pub expressions: u64,
     /// Number of occluders, `none` counted.
     pub occluders: u64,
@@ -23,12 +27,14 @@ pub struct Grid {
     pub views: u64,
     /// Number of lightings.
     pub lightings: u64,
+    /// Number of samples: the product of the others, or less where samples are drawn and the last visit is cut short.
+    pub samples: u64,
 }
 
 /// Which entry of each list makes a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Factors {
-    /// Index of the subject.
+    /// Index of the subject, or of the visit to one.
     pub subject: u64,
     /// Index of the expression.
     pub expression: usize,
@@ -43,18 +49,33 @@ pub struct Factors {
 impl Grid {
     /// The grid of a recipe.
     pub fn of(recipe: &Recipe) -> Self {
+        if let Some(sampling) = &recipe.sampling {
+            return sampling.grid();
+        }
+        Self::product([
+            recipe.subjects.len(),
+            recipe.expressions.len() as u64,
+            recipe.occluders.len() as u64,
+            recipe.views.len() as u64,
+            recipe.lightings.len() as u64,
+        ])
+    }
+
+    /// The grid of all combinations of so many subjects, expressions, occluders, views and lightings.
+    pub fn product([subjects, expressions, occluders, views, lightings]: [u64; 5]) -> Self {
         Self {
-            subjects: recipe.subjects.len(),
-            expressions: recipe.expressions.len() as u64,
-            occluders: recipe.occluders.len() as u64,
-            views: recipe.views.len() as u64,
-            lightings: recipe.lightings.len() as u64,
+            subjects,
+            expressions,
+            occluders,
+            views,
+            lightings,
+            samples: subjects * expressions * occluders * views * lightings,
         }
     }
 
     /// Number of samples.
     pub fn len(&self) -> u64 {
-        self.groups() * self.group_len()
+        self.samples
     }
 
     /// Whether there are no samples.
@@ -64,7 +85,7 @@ impl Grid {
 
     /// Number of groups: pairs of subject and expression.
     pub fn groups(&self) -> u64 {
-        self.subjects * self.expressions
+        self.samples.div_ceil(self.group_len())
     }
 
     /// Number of samples in each group.
@@ -74,7 +95,14 @@ impl Grid {
 
     /// The samples of group `group`.
     pub fn group_samples(&self, group: u64) -> Range<u64> {
-        group * self.group_len()..(group + 1) * self.group_len()
+        let start = group * self.group_len();
+        start.min(self.samples)..(start + self.group_len()).min(self.samples)
+    }
+
+    /// The samples of a subject, or of a visit to one.
+    pub fn subject_samples(&self, subject: u64) -> Range<u64> {
+        let len = self.group_len() * self.expressions;
+        (subject * len).min(self.samples)..((subject + 1) * len).min(self.samples)
     }
 
     /// Subject and expression of group `group`.
@@ -121,6 +149,38 @@ impl Grid {
     }
 }
 
+impl Recipe {
+    /// What sample `index` shows.
+    ///
+    /// # Errors
+    /// [`Error::Index`] beyond the last sample; [`Error::Draw`] if no draw meets the constraints.
+    pub fn scene(&self, index: u64) -> Result<Scene<'_>, Error> {
+        let grid = Grid::of(self);
+        let len = grid.len();
+        let Some(factors) = grid.factors(index) else {
+            return Err(Error::Index { index, len });
+        };
+        match &self.sampling {
+            Some(sampling) => sampling.scene(self, index),
+            None => Ok(Scene {
+                subject: factors.subject,
+                expression: Cow::Borrowed(&self.expressions[factors.expression]),
+                occluder: Cow::Borrowed(&self.occluders[factors.occluder]),
+                view: self.views[factors.view],
+                lighting: Cow::Borrowed(&self.lightings[factors.lighting]),
+            }),
+        }
+    }
+
+    /// The subject of a visit, which is its number unless samples are drawn.
+    pub fn subject_of_visit(&self, visit: u64) -> u64 {
+        match &self.sampling {
+            Some(sampling) => sampling.subject(self.seed, visit, self.subjects.len()),
+            None => visit,
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -132,6 +192,7 @@ mod tests {
         occluders: 2,
         views: 5,
         lightings: 3,
+        samples: 360,
     };
 
     #[test]
@@ -164,7 +225,7 @@ mod tests {
             subjects in 1_u64..1_000_000_000, expressions in 1_u64..40, occluders in 1_u64..5,
             views in 1_u64..50, lightings in 1_u64..10, share in 0.0..1.0_f64,
         ) {
-            let grid = Grid { subjects, expressions, occluders, views, lightings };
+            let grid = Grid::product([subjects, expressions, occluders, views, lightings]);
             let index = (grid.len() as f64 * share) as u64;
             let factors = grid.factors(index).expect("in range");
             prop_assert_eq!(grid.index(&factors), index);

@@ -1,19 +1,26 @@
-//! What a run will do and cost: counts from the grid, time and disk space from a few samples made for measure.
+//! What a run will do and cost: counts from the plan, time and disk space from a few samples made for measure.
+//!
+//! The samples are made by as many threads at once as the run will have, so that what threads take from each other is
+//! in the times, and stored in a scratch folder by the run's own writers.
 
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
-use facile_sim::Solver;
 use serde::Serialize;
 
 use crate::Error;
-use crate::pipeline::{Person, Pipeline, Worker};
+use crate::generate::alone;
+use crate::pipeline::{Pipeline, Worker};
 use crate::plan::Grid;
 use crate::recipe::{Recipe, SubjectSource};
-use crate::write::Encoder;
+use crate::write::{EncodedSample, Encoder, Folder, Manifest, UnitWriter};
 
-/// Views that are made for measure, spread over the recipe's.
+/// Groups that each thread makes for measure, spread over the expressions, and views of each.
+const MEASURED_GROUPS: u64 = 4;
 const MEASURED_VIEWS: u64 = 3;
+/// Poses that are looked at to tell how many are at rest, where samples are drawn.
+const PROBED_POSES: u64 = 2_000;
 
 /// What a run will do and cost.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -26,7 +33,7 @@ pub struct Prediction {
     pub grid: Grid,
     /// What is done once for several images, and what is not done at all.
     pub work: Work,
-    /// What it costs; `None` if the measured subject could not be made.
+    /// What it costs; `None` if the measured subjects could not be made.
     pub cost: Option<Cost>,
 }
 
@@ -37,7 +44,9 @@ pub struct Work {
     pub registrations: u64,
     /// Of these, how many are in the cache.
     pub cached_registrations: u64,
-    /// Equilibria to solve.
+    /// People to prepare: registered, read from the cache or drawn.
+    pub people: u64,
+    /// Equilibria to solve, those in the cache included. Where samples are drawn, estimated from some of them.
     pub equilibria: u64,
     /// Faces at rest, which are not simulated.
     pub faces_at_rest: u64,
@@ -48,7 +57,7 @@ pub struct Work {
 }
 
 /// Predicted time and disk space.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Cost {
     /// Number of threads that the prediction is for.
     pub threads: u64,
@@ -56,14 +65,20 @@ pub struct Cost {
     pub seconds: f64,
     /// Bytes on disk.
     pub bytes: f64,
-    /// Seconds of one thread for registering one scan.
+    /// Seconds of one thread, while the others work, for registering one scan.
     pub registration_s: f64,
-    /// Seconds of one thread for one equilibrium.
+    /// For preparing one person who is drawn or in the cache.
+    pub person_s: f64,
+    /// For one equilibrium with the scene of its face.
     pub equilibrium_s: f64,
-    /// Seconds of one thread for tracing one view with its labels.
+    /// For the scene of one face at rest.
+    pub rest_s: f64,
+    /// For tracing one view with its labels and its occluder.
     pub view_s: f64,
-    /// Seconds of one thread for lighting and encoding one image.
+    /// For lighting and encoding one image.
     pub image_s: f64,
+    /// For storing one image with its record.
+    pub write_s: f64,
 }
 
 /// Counts a recipe's work; with `measure`, makes a few samples to predict time and disk space.
@@ -73,21 +88,7 @@ pub struct Cost {
 pub fn predict(recipe: &Recipe, threads: usize, measure: bool) -> Result<Prediction, Error> {
     let pipeline = Arc::new(Pipeline::new(recipe.clone())?);
     let grid = Grid::of(recipe);
-    let moved = recipe
-        .expressions
-        .iter()
-        .filter(|e| !e.pose.is_neutral())
-        .count() as u64;
-    let scans = (recipe.subjects.scans.len() + recipe.subjects.builtin.len()) as u64;
-    let cached = (0..scans).filter(|i| pipeline.is_cached(*i)).count() as u64;
-    let work = Work {
-        registrations: scans,
-        cached_registrations: cached,
-        equilibria: grid.subjects * moved,
-        faces_at_rest: grid.subjects * (grid.expressions - moved),
-        traced_views: grid.groups() * grid.occluders * grid.views,
-        lit_images: grid.len(),
-    };
+    let work = work(&pipeline, &grid);
     let cost = if measure {
         measured(&pipeline, &grid, &work, threads).ok()
     } else {
@@ -102,90 +103,204 @@ pub fn predict(recipe: &Recipe, threads: usize, measure: bool) -> Result<Predict
     })
 }
 
-/// Times every stage on the subject that is quickest to make.
+fn work(pipeline: &Pipeline, grid: &Grid) -> Work {
+    let recipe = pipeline.recipe();
+    let is_moved = |group: u64| {
+        let scene = recipe.scene(grid.group_samples(group).start);
+        scene.is_ok_and(|s| !s.expression.pose.is_neutral())
+    };
+    let groups = grid.groups();
+    // A grid has the same expressions for everyone.
+    let looked_at = match recipe.sampling {
+        Some(_) => groups.min(PROBED_POSES),
+        None => grid.expressions,
+    };
+    let step = (groups / looked_at.max(1)).max(1);
+    let step = if recipe.sampling.is_some() { step } else { 1 };
+    let moved = (0..looked_at).filter(|k| is_moved(k * step)).count() as u64;
+    let share = |n: u64, of: u64, all: u64| {
+        (u128::from(n) * u128::from(of) / u128::from(all.max(1))) as u64
+    };
+    let equilibria = share(groups, moved, looked_at);
+    let scans = (recipe.subjects.scans.len() + recipe.subjects.builtin.len()) as u64;
+    let people = grid.subjects;
+    // Visits come to everyone once before they come to anyone again.
+    let registrations = share(
+        scans,
+        people.min(recipe.subjects.len()),
+        recipe.subjects.len(),
+    );
+    let cached = (0..scans).filter(|i| pipeline.is_cached(*i)).count() as u64;
+    Work {
+        registrations,
+        cached_registrations: cached.min(registrations),
+        people,
+        equilibria,
+        faces_at_rest: groups - equilibria,
+        traced_views: grid.len().div_ceil(grid.lightings),
+        lit_images: grid.len(),
+    }
+}
+
+/// What one thread measured: sums of seconds and their numbers.
+#[derive(Default)]
+struct Times {
+    registration: Mean,
+    person: Mean,
+    equilibrium: Mean,
+    rest: Mean,
+    view: Mean,
+    image: Mean,
+    view_bytes: Mean,
+    image_bytes: Mean,
+    samples: Vec<EncodedSample>,
+}
+
+#[derive(Clone, Copy, Default)]
+struct Mean {
+    sum: f64,
+    n: f64,
+}
+
+impl Mean {
+    fn add(&mut self, v: f64) {
+        self.sum += v.max(0.0);
+        self.n += 1.0;
+    }
+
+    fn of(all: &[Times], get: impl Fn(&Times) -> Self) -> f64 {
+        let (sum, n) = all
+            .iter()
+            .map(get)
+            .fold((0.0, 0.0), |(s, n), m| (s + m.sum, n + m.n));
+        sum / f64::max(n, 1.0)
+    }
+}
+
+/// Times every stage in as many threads as the run will have.
 fn measured(
     pipeline: &Arc<Pipeline>,
     grid: &Grid,
     work: &Work,
     threads: usize,
 ) -> Result<Cost, Error> {
-    let missing = work.registrations - work.cached_registrations;
-    // A registration that has to be done anyway is done now and kept.
-    let is_missing = |i: &u64| *i < work.registrations && !pipeline.is_cached(*i);
-    let subject = (0..work.registrations).find(is_missing).unwrap_or(0);
-    let (person, person_s) = timed(|| pipeline.person(subject));
-    let person = person?;
-    let equilibrium_s = equilibrium_time(pipeline, &person)?;
-    let is_scan = !matches!(
-        pipeline.recipe().subjects.get(subject),
-        SubjectSource::Sampled { .. }
-    );
-    let mut worker = Worker::new(pipeline.clone());
-    worker.set_person(subject, Arc::new(person));
-    let start = grid.group_samples(subject * grid.expressions).start;
-    worker.sample(start)?;
-    let (mut view_s, mut image_s, mut view_bytes, mut image_bytes) = (0.0, 0.0, 0.0, 0.0);
-    let views = grid.occluders * grid.views;
-    let measured = views.min(MEASURED_VIEWS);
-    for k in 0..measured {
-        let first = start + k * views / measured * grid.lightings;
-        worker.forget_view();
-        let (sample, both) = timed(|| worker.sample(first));
-        let sample = sample?;
-        let (encoded, encode) = timed(|| Encoder::new(pipeline.recipe()).encode(&sample));
-        let encoded = encoded?;
-        let (again, shade) = timed(|| worker.sample(first));
-        again?;
-        view_s += (both - shade).max(0.0);
-        image_s += shade + encode;
-        let json = encoded.record.len() + 300;
-        image_bytes += (encoded.image.len() + json) as f64;
-        view_bytes += encoded.maps.iter().map(|(_, m)| m.len()).sum::<usize>() as f64;
-    }
-    let n = measured as f64;
-    let (view_s, image_s) = (view_s / n, image_s / n);
-    let registration_s = if is_scan && missing > 0 {
-        person_s
-    } else {
-        0.0
-    };
-    // The measured subject is in the cache by now.
-    let to_register = missing.saturating_sub(1) as f64;
-    let work_s = to_register * registration_s
-        + work.equilibria as f64 * equilibrium_s
-        + work.traced_views as f64 * view_s
-        + work.lit_images as f64 * image_s;
-    Ok(Cost {
+    let all: Vec<Result<Times, Error>> = std::thread::scope(|scope| {
+        let spawned: Vec<_> = (0..threads as u64)
+            .map(|thread| scope.spawn(move || alone(|| thread_times(pipeline, grid, thread))?))
+            .collect();
+        let joined = spawned.into_iter().map(std::thread::ScopedJoinHandle::join);
+        joined
+            .map(|r| r.unwrap_or_else(|cause| std::panic::resume_unwind(cause)))
+            .collect()
+    });
+    let all = all.into_iter().collect::<Result<Vec<Times>, Error>>()?;
+    let mut cost = Cost {
         threads: threads as u64,
-        seconds: work_s / threads as f64,
-        bytes: (work.traced_views as f64 * view_bytes + work.lit_images as f64 * image_bytes) / n,
-        registration_s,
-        equilibrium_s,
-        view_s,
-        image_s,
-    })
+        registration_s: Mean::of(&all, |t| t.registration),
+        person_s: Mean::of(&all, |t| t.person),
+        equilibrium_s: Mean::of(&all, |t| t.equilibrium),
+        rest_s: Mean::of(&all, |t| t.rest),
+        view_s: Mean::of(&all, |t| t.view),
+        image_s: Mean::of(&all, |t| t.image),
+        write_s: write_time(pipeline, &all)?,
+        ..Cost::default()
+    };
+    // What was registered for measure is in the cache now.
+    let registered: f64 = all.iter().map(|t| t.registration.n).sum();
+    let to_register = work.registrations.saturating_sub(work.cached_registrations) as f64;
+    let seconds = (to_register - registered).max(0.0) * cost.registration_s
+        + work.people as f64 * cost.person_s
+        + work.equilibria as f64 * cost.equilibrium_s
+        + work.faces_at_rest as f64 * cost.rest_s
+        + work.traced_views as f64 * cost.view_s
+        + work.lit_images as f64 * (cost.image_s + cost.write_s);
+    // Threads that have no group of their own share nothing.
+    let useful = (threads as u64).min(grid.groups().max(1));
+    cost.seconds = seconds / useful as f64;
+    cost.bytes = work.traced_views as f64 * Mean::of(&all, |t| t.view_bytes)
+        + work.lit_images as f64 * Mean::of(&all, |t| t.image_bytes);
+    Ok(cost)
 }
 
-/// Mean time of the recipe's equilibria, from its first, middle and last moved expression.
-fn equilibrium_time(pipeline: &Pipeline, person: &Person) -> Result<f64, Error> {
-    let expressions = &pipeline.recipe().expressions;
-    let moved: Vec<usize> = (0..expressions.len())
-        .filter(|i| !expressions[*i].pose.is_neutral())
-        .collect();
-    let mut picks = vec![0, moved.len() / 2, moved.len().saturating_sub(1)];
-    picks.dedup();
-    let picks: Vec<usize> = picks
-        .iter()
-        .filter_map(|i| moved.get(*i).copied())
-        .collect();
-    let mut solver = Solver::new();
-    let mut total = 0.0;
-    for &expression in &picks {
-        let (face, time) = timed(|| pipeline.face(person, expression, &mut solver));
-        face?;
-        total += time;
+/// Makes some groups of one subject and times each stage.
+fn thread_times(pipeline: &Arc<Pipeline>, grid: &Grid, thread: u64) -> Result<Times, Error> {
+    let recipe = pipeline.recipe();
+    let mut times = Times::default();
+    let visit = thread * grid.subjects.saturating_sub(1) / 8;
+    let subject = recipe.subject_of_visit(visit);
+    let is_scan = !matches!(recipe.subjects.get(subject), SubjectSource::Sampled { .. });
+    if is_scan && !pipeline.is_cached(subject) {
+        let (person, time) = timed(|| pipeline.person(subject));
+        person?;
+        times.registration.add(time);
     }
-    Ok(total / picks.len().max(1) as f64)
+    let (person, time) = timed(|| pipeline.person(subject));
+    times.person.add(time);
+    let mut worker = Worker::new(pipeline.clone());
+    worker.set_person(subject, Arc::new(person?));
+    let samples = grid.subject_samples(visit);
+    let groups = (samples.end - samples.start).div_ceil(grid.group_len());
+    let views = grid.occluders * grid.views;
+    let picks = groups.min(MEASURED_GROUPS);
+    // The first face of a person costs a scene of its own, which the others share.
+    worker.sample(samples.start)?;
+    for pick in 0..picks {
+        let group = samples.start + (2 * pick + 1) * groups / (2 * picks) * grid.group_len();
+        let is_moved = !recipe.scene(group)?.expression.pose.is_neutral();
+        worker.forget_face();
+        let (sample, whole) = timed(|| worker.sample(group));
+        sample?;
+        let mut encoder = Encoder::new(recipe);
+        let mut view_s = 0.0;
+        for k in 0..views.min(MEASURED_VIEWS) {
+            let first = group + k * views / views.min(MEASURED_VIEWS) * grid.lightings;
+            if first >= samples.end {
+                break;
+            }
+            worker.forget_view();
+            let (sample, both) = timed(|| worker.sample(first));
+            sample?;
+            let (again, shade) = timed(|| worker.sample(first));
+            let (encoded, encode) = timed(|| encoder.encode(&again?));
+            let encoded = encoded?;
+            let maps = encoded.maps.iter().map(|(_, m)| m.len()).sum::<usize>() as f64;
+            view_s = both - shade;
+            times.view.add(view_s);
+            times.image.add(shade + encode);
+            times.view_bytes.add(maps);
+            // Its line in the list of hashes, and its record.
+            times
+                .image_bytes
+                .add((encoded.image.len() + encoded.record.len() + 85) as f64);
+            times.samples.push(encoded);
+        }
+        let face_s = whole - view_s;
+        if is_moved {
+            times.equilibrium.add(face_s);
+        } else {
+            times.rest.add(face_s);
+        }
+    }
+    Ok(times)
+}
+
+/// Seconds for storing one of the samples, annotations and card included.
+fn write_time(pipeline: &Pipeline, all: &[Times]) -> Result<f64, Error> {
+    let scratch = tempfile::tempdir().map_err(|e| Error::io(Path::new("scratch folder"), e))?;
+    let manifest = Manifest::new(pipeline.recipe(), pipeline.recipe_hash(), None);
+    let folder = Folder::open(&scratch.path().join("out"), manifest, false)?;
+    let samples: Vec<EncodedSample> = all.iter().flat_map(|t| t.samples.clone()).collect();
+    let n = samples.len().max(1) as f64;
+    let (stored, time) = timed(|| {
+        let mut writer = UnitWriter::new(&folder, 0)?;
+        for sample in samples {
+            writer.append(sample)?;
+        }
+        writer.finish()?;
+        folder.finish()
+    });
+    stored?;
+    Ok(time / n)
 }
 
 fn timed<T>(f: impl FnOnce() -> T) -> (T, f64) {

@@ -156,7 +156,7 @@ mod tests {
         fn chunks_tile_units_and_units_tile_the_samples(
             samples in 0_u64..5_000, views in 1_u64..200, lightings in 1_u64..9, shard in 0_u64..700,
         ) {
-            let grid = Grid { subjects: 9_000, expressions: 1, occluders: 1, views, lightings };
+            let grid = Grid::product([9_000, 1, 1, views, lightings]);
             let units = Units::new(&grid, (shard > 0).then_some(shard), samples);
             let mut next = 0;
             for unit in 0..units.len() {
@@ -173,7 +173,7 @@ mod tests {
 
         #[test]
         fn parts_tile_the_units(samples in 0_u64..5_000, count in 1_u64..12) {
-            let grid = Grid { subjects: 9_000, expressions: 1, occluders: 1, views: 3, lightings: 2 };
+            let grid = Grid::product([9_000, 1, 1, 3, 2]);
             let units = Units::new(&grid, Some(50), samples);
             let mut next = 0;
             for index in 1..=count {

@@ -48,12 +48,18 @@ fn print(recipe: &Recipe, p: &Prediction) {
         recipe.output.display()
     ));
     output::line(&format!(
-        "  {} subjects ({} scans, {} built-in, {} sampled) x {} expressions x {} occluders x {} views x {} lights",
-        grid.subjects,
+        "  {} of {} subjects ({} scans, {} built-in, {} sampled) x {} {} x {} occluders x {} views x {} lights",
+        grid.subjects.min(s.len()),
+        s.len(),
         s.scans.len(),
         s.builtin.len(),
         s.sampled,
         grid.expressions,
+        if recipe.sampling.is_some() {
+            "poses"
+        } else {
+            "expressions"
+        },
         grid.occluders,
         grid.views,
         grid.lightings

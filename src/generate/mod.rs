@@ -157,6 +157,19 @@ fn caught<T>(work: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
     })
 }
 
+/// Does some work on this thread, its inner loops too.
+pub(crate) fn alone<T>(work: impl FnOnce() -> T) -> Result<T, Error> {
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(1)
+        .use_current_thread()
+        .build();
+    let _pool = pool.map_err(|e| Error::Threads {
+        threads: 1,
+        reason: e.to_string(),
+    })?;
+    Ok(work())
+}
+
 /// A chunk of a unit, to be made by one thread.
 struct Task<'a> {
     assembly: Arc<Assembly<'a>>,
@@ -253,14 +266,6 @@ impl<'a> Run<'a> {
 
     /// Works on chunks until none is left. Inner loops run on this thread alone.
     fn thread(&self, thread: usize) -> Result<(), Error> {
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(1)
-            .use_current_thread()
-            .build();
-        let _pool = pool.map_err(|e| Error::Threads {
-            threads: 1,
-            reason: e.to_string(),
-        })?;
         let mut worker = Worker::new(self.pipeline.clone());
         let mut work = || -> Result<(), Error> {
             while let Some(task) = self.next(thread)? {
@@ -269,7 +274,8 @@ impl<'a> Run<'a> {
             Ok(())
         };
         // The others end after their chunks.
-        work().inspect_err(|_| self.is_broken.store(true, Ordering::Relaxed))
+        let done = alone(&mut work).and_then(|done| done);
+        done.inspect_err(|_| self.is_broken.store(true, Ordering::Relaxed))
     }
 
     /// The next chunk in order. Begins units, unless the run is to stop.
@@ -319,14 +325,15 @@ impl<'a> Run<'a> {
             let person = match person {
                 Ok(person) => person,
                 Err(reason) => {
-                    let groups = (factors.subject + 1) * self.grid.expressions;
-                    let end = (groups * self.grid.group_len()).min(task.samples.end);
-                    self.fail(task, index..end, None, &reason);
+                    let end = self.grid.subject_samples(factors.subject).end;
+                    let end = end.min(task.samples.end);
+                    self.fail(task, index..end, false, &reason);
                     index = end;
                     continue;
                 }
             };
-            worker.meet(factors.subject, &person);
+            let subject = self.pipeline.recipe().subject_of_visit(factors.subject);
+            worker.meet(subject, &person);
             match caught(|| encoder.encode(&worker.sample(index)?)) {
                 Ok(sample) => {
                     task.assembly.push(task.chunk, sample)?;
@@ -341,7 +348,7 @@ impl<'a> Run<'a> {
                         _ => index + 1,
                     };
                     *worker = Worker::new(self.pipeline.clone());
-                    self.fail(task, index..end, Some(factors.expression), &e.to_string());
+                    self.fail(task, index..end, true, &e.to_string());
                     index = end;
                 }
             }
@@ -365,16 +372,14 @@ impl<'a> Run<'a> {
         }
     }
 
-    fn fail(
-        &self,
-        task: &Task<'_>,
-        samples: std::ops::Range<u64>,
-        expression: Option<usize>,
-        reason: &str,
-    ) {
-        let factors = self.grid.factors(samples.start);
-        let subject = self.pipeline.subject_id(factors.map_or(0, |f| f.subject));
-        let expression = expression.map(|e| self.pipeline.expression_label(e));
+    fn fail(&self, task: &Task<'_>, samples: std::ops::Range<u64>, is_posed: bool, reason: &str) {
+        let recipe = self.pipeline.recipe();
+        let visit = self.grid.factors(samples.start).map_or(0, |f| f.subject);
+        let subject = self.pipeline.subject_id(recipe.subject_of_visit(visit));
+        // A subject that could not be made fails whatever its expression.
+        let scene = recipe.scene(samples.start).ok().filter(|_| is_posed);
+        let expression =
+            scene.map(|s| format!("{} at {}", s.expression.name, s.expression.intensity));
         if let Some(expression) = &expression {
             let message = format!("subject `{subject}`, expression {expression}: {reason}");
             self.watch.notice(&message);

@@ -15,9 +15,9 @@ pub(super) type Prepared = Result<Arc<Person>, Arc<str>>;
 /// registrations run side by side.
 pub(super) struct People<'a> {
     pipeline: &'a Pipeline,
-    /// How many subjects may be prepared before they are needed.
+    /// How many visits may be prepared before they are needed.
     ahead: u64,
-    /// First subject that no sample needs.
+    /// First visit to a subject that no sample needs.
     end: u64,
     slots: Mutex<BTreeMap<u64, Option<Prepared>>>,
     changed: Condvar,
@@ -34,14 +34,15 @@ impl<'a> People<'a> {
         }
     }
 
-    /// Subject number `subject`. `heard` is called with everyone who is prepared on the way.
-    pub(super) fn get(&self, subject: u64, heard: impl Fn(u64, &Prepared)) -> Prepared {
+    /// Whom visit number `visit` is to: the subject of that number unless samples are drawn. `heard` is called with
+    /// everyone who is prepared on the way.
+    pub(super) fn get(&self, visit: u64, heard: impl Fn(u64, &Prepared)) -> Prepared {
         let mut slots = self.lock();
         loop {
-            let next = match slots.get(&subject) {
+            let next = match slots.get(&visit) {
                 Some(Some(person)) => return person.clone(),
-                None => Some(subject),
-                Some(None) => (subject + 1..=subject + self.ahead)
+                None => Some(visit),
+                Some(None) => (visit + 1..=visit + self.ahead)
                     .find(|s| *s < self.end && !slots.contains_key(s)),
             };
             let Some(next) = next else {
@@ -51,20 +52,21 @@ impl<'a> People<'a> {
             };
             slots.insert(next, None);
             drop(slots);
-            let person = caught(|| self.pipeline.person(next))
+            let subject = self.pipeline.recipe().subject_of_visit(next);
+            let person = caught(|| self.pipeline.person(subject))
                 .map(Arc::new)
                 .map_err(|e| Arc::from(e.to_string()));
-            heard(next, &person);
+            heard(subject, &person);
             slots = self.lock();
             slots.insert(next, Some(person));
             self.changed.notify_all();
         }
     }
 
-    /// Forgets everyone before `subject`.
-    pub(super) fn forget_before(&self, subject: u64) {
+    /// Forgets everyone before visit number `visit`.
+    pub(super) fn forget_before(&self, visit: u64) {
         let mut slots = self.lock();
-        *slots = slots.split_off(&subject);
+        *slots = slots.split_off(&visit);
     }
 
     fn lock(&self) -> MutexGuard<'_, BTreeMap<u64, Option<Prepared>>> {

@@ -1,7 +1,7 @@
 //! From a subject and an expression to a deformed face (paper section 4).
 
 use facile_core::{Isometry3, Point3, UnitQuaternion, Vector3};
-use facile_sim::{Certificate, Solver, SolverParams};
+use facile_sim::{Certificate, Pose, Solver, SolverParams};
 use facile_trace::head::Gaze;
 
 use super::{Person, Pipeline};
@@ -21,17 +21,11 @@ pub struct Face {
 }
 
 impl Pipeline {
-    /// The face of `person` in expression number `expression` of the recipe.
+    /// The face of `person` in a pose.
     ///
     /// # Errors
     /// [`Error::Sim`] if no equilibrium is found.
-    pub fn face(
-        &self,
-        person: &Person,
-        expression: usize,
-        solver: &mut Solver,
-    ) -> Result<Face, Error> {
-        let pose = &self.recipe().expressions[expression].pose;
+    pub fn face(&self, person: &Person, pose: &Pose, solver: &mut Solver) -> Result<Face, Error> {
         let at_rest = || Face {
             positions: person.subject.positions.clone(),
             jaw: Isometry3::identity(),

@@ -27,6 +27,7 @@ pub use worker::{Sample, Worker, render_subject};
 
 use crate::Error;
 use crate::recipe::Recipe;
+use crate::sampling::Sampling;
 
 /// What all samples of a recipe share.
 #[derive(Debug)]
@@ -54,7 +55,8 @@ impl Pipeline {
             .iter()
             .map(|name| reference.scheme(name))
             .collect::<Result<_, _>>()?;
-        let is_moved = recipe.expressions.iter().any(|e| !e.pose.is_neutral());
+        let is_moved = recipe.expressions.iter().any(|e| !e.pose.is_neutral())
+            || recipe.sampling.as_ref().is_some_and(Sampling::moves);
         let rig = is_moved.then(|| FaceRig::new(reference, MuscleSet::embedded()));
         Ok(Self {
             recipe_hash: recipe_hash(&recipe),
@@ -94,12 +96,6 @@ impl Pipeline {
     /// The landmark schemes that the recipe asks for.
     pub fn schemes(&self) -> &[&'static LandmarkScheme] {
         &self.schemes
-    }
-
-    /// Name and intensity of an expression, for messages.
-    pub fn expression_label(&self, expression: usize) -> String {
-        let expression = &self.recipe.expressions[expression];
-        format!("{} at {}", expression.name, expression.intensity)
     }
 
     /// Whether the registration of subject number `subject` is in the cache.

@@ -43,15 +43,15 @@ impl Pipeline {
         Ok(())
     }
 
-    /// Puts occluder number `occluder` of the recipe in front of the face.
+    /// Puts an occluder in front of the face.
     ///
     /// # Errors
     /// [`Error::Trace`] if it does not fit.
-    pub fn add_occluder(&self, scene: &mut HeadScene, occluder: usize) -> Result<(), Error> {
+    pub fn add_occluder(&self, scene: &mut HeadScene, occluder: &Occluder) -> Result<(), Error> {
         fn fit<'a>(p: &Pipeline, scene: &'a HeadScene) -> Result<FaceFit<'a>, Error> {
             Ok(FaceFit::new(p.reference(), scene)?)
         }
-        let objects = match &self.recipe().occluders[occluder] {
+        let objects = match occluder {
             Occluder::None => Vec::new(),
             Occluder::Glasses(style) | Occluder::Sunglasses(style) => {
                 style.objects(&fit(self, scene)?)?.into()
@@ -64,13 +64,13 @@ impl Pipeline {
         Ok(())
     }
 
-    /// Traces view number `view` of the recipe.
+    /// Traces a view.
     ///
     /// # Errors
     /// [`Error::Trace`] for an impossible camera.
-    pub fn trace(&self, scene: &HeadScene, view: usize) -> Result<TracedView, Error> {
+    pub fn trace(&self, scene: &HeadScene, view: &View) -> Result<TracedView, Error> {
         let image = &self.recipe().image;
-        let camera = camera(&self.recipe().views[view], image)?;
+        let camera = camera(view, image)?;
         let wants = |t| image.wants(t);
         let settings = RenderSettings {
             samples: image.samples,

@@ -7,12 +7,13 @@ use facile_core::{LandmarkScheme, Plane, Point3, Segment};
 use facile_trace::{Camera, HeadScene, Layer, Occlusion, Ray, View as TracedView};
 
 use super::{Face, Person, Pipeline};
-use crate::plan::Factors;
 use crate::recipe::file::Truth;
+use crate::recipe::{Expression, Occluder};
 use crate::record::{
     CameraRecord, ExpressionRecord, HeadPose, JawRecord, LandmarkRecord, LightRecord, MapRecord,
     Record, SubjectRecord, rounded, rounded_point,
 };
+use crate::sampling::Scene;
 use crate::write::{image_name, map_name};
 
 /// A landmark is seen if nothing lies in front of it by more than this, mm: it sits on the surface itself, and the lips'
@@ -147,14 +148,14 @@ impl Pipeline {
         &self,
         index: u64,
         first: u64,
-        factors: &Factors,
+        scene: &Scene<'_>,
         person: &Person,
         face: &Face,
         camera: &Camera,
         truth: &ViewTruth,
     ) -> Record {
         let recipe = self.recipe();
-        let lighting = &recipe.lightings[factors.lighting];
+        let lighting = &scene.lighting;
         Record {
             index,
             image: image_name(index, recipe.image.encoding),
@@ -166,22 +167,21 @@ impl Pipeline {
                 attributes: person.subject.attributes.clone(),
                 registration: person.registration.clone(),
             },
-            expression: self.expression_record(factors.expression, face),
+            expression: self.expression_record(&scene.expression, face),
             light: LightRecord {
                 name: lighting.name.clone(),
                 sources: lighting.sources.clone(),
             },
             camera: CameraRecord::of(camera),
             head_pose: HeadPose::of(camera.camera_from_world()),
-            occluder: recipe.occluders[factors.occluder].clone(),
+            occluder: Occluder::clone(&scene.occluder),
             face_box_px: truth.face_box_px,
             landmarks: truth.landmarks.clone(),
             maps: map_records(first, &truth.maps),
         }
     }
 
-    fn expression_record(&self, expression: usize, face: &Face) -> ExpressionRecord {
-        let expression = &self.recipe().expressions[expression];
+    fn expression_record(&self, expression: &Expression, face: &Face) -> ExpressionRecord {
         let pose = &expression.pose;
         let mut contractions: BTreeMap<_, _> = self
             .muscles()

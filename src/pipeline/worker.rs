@@ -8,14 +8,14 @@ use std::path::Path;
 use std::sync::Arc;
 
 use facile_core::{Plane, Subject};
-use facile_sim::Solver;
+use facile_sim::{Pose, Solver};
 use facile_trace::{HeadScene, View as TracedView};
 
 use super::truth::{Maps, ViewTruth};
 use super::{Face, Person, Pipeline};
 use crate::Error;
 use crate::plan::Grid;
-use crate::recipe::Recipe;
+use crate::recipe::{Occluder, Recipe, View};
 use crate::record::Record;
 
 /// An image with everything that is known of it.
@@ -33,16 +33,15 @@ pub struct Sample {
 
 /// What a worker knows of the current face.
 struct Posed {
-    expression: usize,
-    occluder: Option<usize>,
+    pose: Pose,
+    occluder: Option<Occluder>,
     face: Face,
     scene: HeadScene,
 }
 
 /// What a worker knows of the current view.
 struct Traced {
-    occluder: usize,
-    view: usize,
+    view: View,
     traced: TracedView,
     truth: ViewTruth,
 }
@@ -93,6 +92,14 @@ impl Worker {
         }
     }
 
+    /// Lets the next sample be posed anew, so that this can be timed.
+    pub(crate) fn forget_face(&mut self) {
+        if let Some(posed) = &mut self.posed {
+            // A pose that none equals.
+            posed.pose.jaw.open_rad = f64::NAN;
+        }
+    }
+
     /// Lets the next sample be traced anew, so that this can be timed.
     pub(crate) fn forget_view(&mut self) {
         self.traced = None;
@@ -103,24 +110,22 @@ impl Worker {
     /// # Errors
     /// [`Error::Index`] beyond the last sample; whatever a stage reports.
     pub fn sample(&mut self, index: u64) -> Result<Sample, Error> {
-        let len = self.grid.len();
-        let factors = self
-            .grid
-            .factors(index)
-            .ok_or(Error::Index { index, len })?;
-        let person = self.person(factors.subject)?;
-        self.pose(&person, factors.expression)?;
-        self.trace(factors.occluder, factors.view)?;
+        let pipeline = self.pipeline.clone();
+        let scene = pipeline.recipe().scene(index)?;
+        let person = self.person(scene.subject)?;
+        self.pose(&person, &scene.expression.pose)?;
+        self.trace(&scene.occluder, &scene.view)?;
         let (Some(posed), Some(traced)) = (&self.posed, &self.traced) else {
             unreachable!("both were set above");
         };
-        let lighting = &self.pipeline.recipe().lightings[factors.lighting];
-        let shaded = traced.traced.shade(&posed.scene.scene, &lighting.sources)?;
-        let first = index - factors.lighting as u64;
-        let record = self.pipeline.record(
+        let shaded = traced
+            .traced
+            .shade(&posed.scene.scene, &scene.lighting.sources)?;
+        let first = index - index % self.grid.lightings;
+        let record = pipeline.record(
             index,
             first,
-            &factors,
+            &scene,
             &person,
             &posed.face,
             traced.traced.camera(),
@@ -145,16 +150,12 @@ impl Worker {
         Ok(person)
     }
 
-    fn pose(&mut self, person: &Person, expression: usize) -> Result<(), Error> {
-        if self
-            .posed
-            .as_ref()
-            .is_some_and(|p| p.expression == expression)
-        {
+    fn pose(&mut self, person: &Person, pose: &Pose) -> Result<(), Error> {
+        if self.posed.as_ref().is_some_and(|p| p.pose == *pose) {
             return Ok(());
         }
         self.traced = None;
-        let face = self.pipeline.face(person, expression, &mut self.solver)?;
+        let face = self.pipeline.face(person, pose, &mut self.solver)?;
         // The scene of another expression of this person is refitted, not built again.
         let mut scene = match self.posed.take() {
             Some(posed) => posed.scene,
@@ -163,7 +164,7 @@ impl Worker {
         scene.scene.truncate(HeadScene::PARTS);
         self.pipeline.show_face(&mut scene, &face)?;
         self.posed = Some(Posed {
-            expression,
+            pose: pose.clone(),
             occluder: None,
             face,
             scene,
@@ -171,28 +172,23 @@ impl Worker {
         Ok(())
     }
 
-    fn trace(&mut self, occluder: usize, view: usize) -> Result<(), Error> {
+    fn trace(&mut self, occluder: &Occluder, view: &View) -> Result<(), Error> {
         let Some(posed) = self.posed.as_mut() else {
             unreachable!("a face is posed before it is traced");
         };
-        if posed.occluder != Some(occluder) {
+        if posed.occluder.as_ref() != Some(occluder) {
             posed.scene.scene.truncate(HeadScene::PARTS);
             self.pipeline.add_occluder(&mut posed.scene, occluder)?;
-            posed.occluder = Some(occluder);
+            posed.occluder = Some(occluder.clone());
             self.traced = None;
         }
-        if self
-            .traced
-            .as_ref()
-            .is_some_and(|t| t.occluder == occluder && t.view == view)
-        {
+        if self.traced.as_ref().is_some_and(|t| t.view == *view) {
             return Ok(());
         }
         let traced = self.pipeline.trace(&posed.scene, view)?;
         let truth = self.pipeline.truth(&posed.scene, &posed.face, &traced);
         self.traced = Some(Traced {
-            occluder,
-            view,
+            view: *view,
             traced,
             truth,
         });

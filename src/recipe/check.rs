@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use facile_core::{ReferenceHead, builtin};
 use facile_trace::Samples;
 
+use super::check_sampling::sampling;
 use super::check_scene::{expressions, lightings, occluders, views};
 use super::file::{
     DatasetTable, Format, ImageTable, RecipeFile, SamplesTable, SubjectsTable, Truth,
@@ -23,7 +24,7 @@ const IMAGE_SIDE: RangeInclusive<i64> = 8..=8192;
 pub(crate) fn check(file: RecipeFile, base: &Path) -> Result<Recipe, Problem> {
     let root = Place::default();
     check_dataset(&file, &root.key("dataset"))?;
-    let recipe = Recipe {
+    let mut recipe = Recipe {
         name: file.dataset.name.clone(),
         seed: file.dataset.seed,
         output: PathBuf::from(&file.dataset.output),
@@ -37,8 +38,13 @@ pub(crate) fn check(file: RecipeFile, base: &Path) -> Result<Recipe, Problem> {
         occluders: occluders(&file.occluders, &root.key("occluder"))?,
         views: views(&file.views, &root.key("view"))?,
         lightings: lightings(&file.lights, &root.key("light"))?,
+        sampling: None,
         file,
     };
+    if let Some(table) = &recipe.file.sampling {
+        recipe.sampling = Some(sampling(table, &recipe, &root.key("sampling"))?);
+        return Ok(recipe);
+    }
     let lists = [
         recipe.expressions.len(),
         recipe.occluders.len(),

@@ -138,7 +138,7 @@ fn pose(table: &ExpressionTable, place: &Place) -> Result<Pose, Problem> {
 }
 
 /// An error of the physics as a problem of the recipe, with the name that was probably meant.
-fn sim_problem(place: &Place, error: SimError) -> Problem {
+pub(crate) fn sim_problem(place: &Place, error: SimError) -> Problem {
     match error {
         SimError::UnknownName { kind, name, known } => {
             let known: Vec<String> = known.split(", ").map(str::to_owned).collect();

@@ -9,6 +9,8 @@ use facile_sim::SolverKind;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::sampling_file::SamplingTable;
+
 /// A dataset: what is in it, and how it is written.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -36,6 +38,9 @@ pub struct RecipeFile {
     /// Things in front of the face; nothing if there are none.
     #[serde(default, rename = "occluder")]
     pub occluders: Vec<OccluderTable>,
+    /// Draws a number of samples instead of multiplying the lists.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sampling: Option<SamplingTable>,
 }
 
 /// `[dataset]`

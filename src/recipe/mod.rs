@@ -8,9 +8,11 @@ use std::path::Path;
 use crate::Error;
 
 mod check;
+mod check_sampling;
 mod check_scene;
 pub mod file;
 mod problem;
+pub mod sampling_file;
 mod settings;
 
 pub use file::RecipeFile;
@@ -54,6 +56,15 @@ impl Recipe {
         })?;
         Self::parse(&text, path, base)
     }
+}
+
+/// A lighting whose numbers were drawn.
+pub(crate) fn drawn_lighting(table: &file::LightTable) -> Result<Lighting, Error> {
+    let mut list = check_scene::lightings(std::slice::from_ref(table), &problem::Place::default())
+        .map_err(|problem| Error::Internal {
+            reason: format!("light `{}` as drawn: {problem}", table.name),
+        })?;
+    Ok(list.remove(0))
 }
 
 /// JSON Schema of the recipe, for editors that complete and check TOML.

@@ -202,6 +202,12 @@ pub(crate) struct Problem {
     help: Option<String>,
 }
 
+impl fmt::Display for Problem {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.place, self.message)
+    }
+}
+
 impl Problem {
     /// Says what is allowed.
     pub(crate) fn help(mut self, help: impl Into<String>) -> Self {
@@ -238,13 +244,7 @@ fn suggestion<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> String {
 fn explain(message: &str) -> (String, Option<String>) {
     let quoted: Vec<&str> = message.split('`').skip(1).step_by(2).collect();
     let unknown = |what: &str, name: &str, known: &[&str]| {
-        let help = match name {
-            "sampling" => {
-                "this version multiplies grids only; ranges and distributions are not built"
-                    .to_owned()
-            }
-            _ => suggestion(name, known.iter().copied()),
-        };
+        let help = suggestion(name, known.iter().copied());
         (format!("unknown {what} `{name}`"), Some(help))
     };
     match quoted[..] {

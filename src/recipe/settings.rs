@@ -9,8 +9,9 @@ use facile_trace::{LightSource, Samples};
 use serde::Serialize;
 
 use super::file::{Encoding, Format, RecipeFile, Truth};
+use crate::sampling::Sampling;
 
-/// A checked recipe. The lists multiply: every combination of their entries is one image.
+/// A checked recipe. The lists multiply: every combination of their entries is one image, unless samples are drawn.
 #[derive(Clone, Debug)]
 pub struct Recipe {
     /// Name of the dataset.
@@ -39,6 +40,8 @@ pub struct Recipe {
     pub views: Vec<View>,
     /// Lightings.
     pub lightings: Vec<Lighting>,
+    /// How samples are drawn; `None` for every combination of the lists.
+    pub sampling: Option<Sampling>,
     /// The tables this was made from.
     pub file: RecipeFile,
 }

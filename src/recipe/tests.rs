@@ -167,13 +167,6 @@ fn all_subjects_come_once_and_in_order() {
 }
 
 #[test]
-fn random_sampling_is_refused_plainly() {
-    let e = error(&format!("{ONE}[sampling]\ncount = 5\n"));
-    assert_eq!(e.line, 5);
-    assert!(e.help.expect("help").contains("grids only"));
-}
-
-#[test]
 fn the_schema_names_every_table() {
     let schema = schema();
     let properties = schema["properties"].as_object().expect("an object");
@@ -185,6 +178,7 @@ fn the_schema_names_every_table() {
         "light",
         "view",
         "occluder",
+        "sampling",
     ] {
         assert!(properties.contains_key(table), "{table}");
     }
