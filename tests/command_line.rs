@@ -118,3 +118,19 @@ fn an_output_that_cannot_be_written_is_named() {
     assert!(errors.contains("file/out"), "{errors}");
     assert!(!errors.contains("panicked"), "{errors}");
 }
+
+#[test]
+fn a_population_that_is_too_small_is_refused_with_the_numbers() {
+    let dir = tempfile::tempdir().expect("makes");
+    std::fs::create_dir(dir.path().join("faces")).expect("makes");
+    std::fs::write(dir.path().join("faces/one.obj"), "v 0 0 0\n").expect("writes");
+    let arguments = ["reference", "build", "--population", "faces", "-o", "head"];
+    let output = facile(dir.path(), &arguments);
+    assert_eq!(output.status.code(), Some(2));
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        errors.contains("1 scans") && errors.contains("100"),
+        "{errors}"
+    );
+    assert!(!dir.path().join("head").exists());
+}

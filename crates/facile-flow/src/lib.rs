@@ -24,6 +24,7 @@ mod eyes;
 mod fit;
 mod folds;
 mod identity_fit;
+mod iris;
 mod landmarks;
 mod lips;
 mod neighbors;

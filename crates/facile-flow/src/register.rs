@@ -14,7 +14,7 @@ use crate::report::{RegistrationReport, quantile, rows_of};
 use crate::scan::{WorkingScan, clean};
 use crate::template::Template;
 use crate::texture::TexelMaps;
-use crate::{FlowError, RegistrationParams, eyes, folds, texture};
+use crate::{FlowError, RegistrationParams, eyes, folds, iris, texture};
 
 /// A registered scan.
 #[derive(Clone, Debug)]
@@ -182,6 +182,7 @@ impl<'a> Registrar<'a> {
                 folded,
             },
         );
+        let eyes = eyes::place_eyes(template.reference, &settled.positions);
         let subject = Subject {
             id: input.name.clone(),
             attributes: Attributes::default(),
@@ -192,9 +193,9 @@ impl<'a> Registrar<'a> {
                 &settled.positions,
                 params.delight,
             ),
-            eyes: eyes::place_eyes(template.reference, &settled.positions),
+            eye_color: iris::eye_color(template.reference, &scan, &eyes),
+            eyes,
             skull_from_reference: eyes::place_skull(template.reference, &settled.positions),
-            eye_color: "brown".to_owned(),
             positions: settled.positions,
             expected_error,
         };

@@ -238,3 +238,13 @@ fn light_baked_into_the_scan_is_evened_out_on_request() {
     assert!(as_scanned > 0.6, "{as_scanned}");
     assert!(evened < 0.25 * as_scanned, "{evened} against {as_scanned}");
 }
+
+#[test]
+fn the_colour_of_the_eyes_is_seen_on_the_scan() {
+    let registrar = Registrar::new(ReferenceHead::embedded(), params()).expect("valid");
+    for name in ["bjorn", "ivy", "jomo"] {
+        let (scan, attributes) = facile_core::builtin::load(name).expect("ships");
+        let found = registrar.register(&scan).expect("a face").subject;
+        assert_eq!(Some(found.eye_color), attributes.eye_color, "{name}");
+    }
+}
