@@ -26,6 +26,10 @@ const CAP_COLOR: [u8; 3] = [40, 52, 84];
 /// A spot whose recipe does not say how wide it is.
 const DEFAULT_SPOT_DEG: f64 = 30.0;
 const DEFAULT_SPOT_SOFTNESS: f64 = 0.25;
+/// Points of an area source whose recipe does not say how many.
+const DEFAULT_AREA_SAMPLES: u32 = 16;
+/// Ground of a hemisphere whose recipe names none.
+const GROUND_COLOR: [f64; 3] = [0.25, 0.2, 0.16];
 
 pub(crate) fn expressions(
     tables: &[ExpressionTable],
@@ -311,6 +315,8 @@ fn source(table: &SourceTable, place: &Place) -> Result<LightSource, Problem> {
         SourceKind::Directional => &["direction", "attach"],
         SourceKind::Ambient => &[],
         SourceKind::Spot => &["position", "target", "angle_deg", "softness", "attach"],
+        SourceKind::Area => &["position", "target", "size", "samples", "attach"],
+        SourceKind::Hemisphere => &["ground"],
     };
     let name = table.kind.name();
     let given = [
@@ -319,6 +325,9 @@ fn source(table: &SourceTable, place: &Place) -> Result<LightSource, Problem> {
         ("direction", table.direction.is_some()),
         ("angle_deg", table.angle_deg.is_some()),
         ("softness", table.softness.is_some()),
+        ("size", table.size.is_some()),
+        ("samples", table.samples.is_some()),
+        ("ground", table.ground.is_some()),
         ("attach", table.attach.is_some()),
     ];
     unused(
@@ -336,11 +345,7 @@ fn source(table: &SourceTable, place: &Place) -> Result<LightSource, Problem> {
     };
     let strength_place = place.key("intensity");
     let intensity = in_range(table.intensity, 0.0..=1e6, "an intensity", &strength_place)? as f32;
-    let mut color = [1.0; 3];
-    for (i, (to, from)) in color.iter_mut().zip(table.color).enumerate() {
-        let place = place.key("color").index(i);
-        *to = in_range(from, 0.0..=1.0, "a colour's component", &place)? as f32;
-    }
+    let color = linear_color(table.color, &place.key("color"))?;
     let attach = match table.attach {
         Some(Attach::Camera) => trace::Attach::Camera,
         Some(Attach::Head) | None => trace::Attach::Head,
@@ -366,6 +371,12 @@ fn source(table: &SourceTable, place: &Place) -> Result<LightSource, Problem> {
             }
         }
         SourceKind::Ambient => LightSource::Ambient { intensity, color },
+        SourceKind::Hemisphere => LightSource::Hemisphere {
+            intensity,
+            color,
+            ground: linear_color(table.ground.unwrap_or(GROUND_COLOR), &place.key("ground"))?,
+        },
+        SourceKind::Area => area(table, place, intensity, color, attach)?,
         SourceKind::Spot => {
             let position = triple("position", table.position)?;
             let target = triple("target", table.target)?;
@@ -387,6 +398,53 @@ fn source(table: &SourceTable, place: &Place) -> Result<LightSource, Problem> {
             }
         }
     })
+}
+
+/// An area source whose strength, colour and frame are checked already.
+fn area(
+    table: &SourceTable,
+    place: &Place,
+    intensity: f32,
+    color: [f32; 3],
+    attach: trace::Attach,
+) -> Result<LightSource, Problem> {
+    let needed =
+        |key: &str| place.problem(format!("a source of kind `area` needs the key `{key}`"));
+    let position = table.position.ok_or_else(|| needed("position"))?;
+    let target = table.target.ok_or_else(|| needed("target"))?;
+    let [width, height] = table.size.ok_or_else(|| needed("size"))?;
+    if position == target {
+        let place = place.key("target");
+        return Err(place.problem("an area source's target must not be its position"));
+    }
+    for (i, v) in [width, height].into_iter().enumerate() {
+        in_range(v, 0.0..=1e5, "a length", &place.key("size").index(i))?;
+    }
+    let samples = table.samples.unwrap_or(DEFAULT_AREA_SAMPLES);
+    let limit = f64::from(trace::light::MAX_AREA_SAMPLES);
+    in_range(
+        f64::from(samples),
+        1.0..=limit,
+        "samples",
+        &place.key("samples"),
+    )?;
+    Ok(LightSource::Area {
+        position: length(position, &place.key("position"))?.map(|c| c as f32),
+        target: length(target, &place.key("target"))?.map(|c| c as f32),
+        size: [width as f32, height as f32],
+        intensity,
+        color,
+        samples,
+        attach,
+    })
+}
+
+fn linear_color(color: [f64; 3], place: &Place) -> Result<[f32; 3], Problem> {
+    let mut checked = [1.0; 3];
+    for (i, (to, from)) in checked.iter_mut().zip(color).enumerate() {
+        *to = in_range(from, 0.0..=1.0, "a colour's component", &place.index(i))? as f32;
+    }
+    Ok(checked)
 }
 
 fn length(v: [f64; 3], place: &Place) -> Result<[f64; 3], Problem> {

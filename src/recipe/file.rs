@@ -260,10 +260,10 @@ pub struct LightTable {
 pub struct SourceTable {
     /// Kind of source.
     pub kind: SourceKind,
-    /// Place of a point or spot source, mm.
+    /// Place of a point or spot source, or of the middle of an area source, mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub position: Option<[f64; 3]>,
-    /// Where the middle of a spot's cone goes, mm.
+    /// Where the middle of a spot's cone goes, or what an area source faces, mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub target: Option<[f64; 3]>,
     /// Direction in which the light of a directional source travels.
@@ -281,6 +281,16 @@ pub struct SourceTable {
     /// Share of a spot's angle over which the light fades to 0, from 0 to 1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub softness: Option<f64>,
+    /// Width and height of an area source, mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub size: Option<[f64; 2]>,
+    /// Points that stand for an area source, from 1 to 256; 16 if not given. Its shadows have as many steps, and rendering
+    /// takes as many shadow rays.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub samples: Option<u32>,
+    /// Linear RGB of a hemisphere's ground, each from 0 to 1; `color` is its sky.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ground: Option<[f64; 3]>,
     /// What the source is fixed to; the head if not given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub attach: Option<Attach>,
@@ -298,6 +308,10 @@ pub enum SourceKind {
     Ambient,
     /// Shines from one point within a cone.
     Spot,
+    /// Shines from a rectangle to its front: soft shadows.
+    Area,
+    /// A sky above and a ground below, without shadows.
+    Hemisphere,
 }
 
 impl SourceKind {
@@ -308,6 +322,8 @@ impl SourceKind {
             Self::Directional => "directional",
             Self::Ambient => "ambient",
             Self::Spot => "spot",
+            Self::Area => "area",
+            Self::Hemisphere => "hemisphere",
         }
     }
 }

@@ -3,7 +3,7 @@
 //! The same operations as the scalar [`crate::whitted`], which lights what secondary rays hit.
 
 use crate::lanes::{Kernel, LANES, LaneMask, Lanes, V3, lanes_of};
-use crate::light::Light;
+use crate::light::{AmbientSum, Light};
 use crate::math::{Rgb, power};
 use crate::packet::RayBlock;
 use crate::surface::SurfaceBlock;
@@ -144,6 +144,19 @@ fn arrivals<L: Lanes>(light: &Light, points: V3<L>) -> Option<Arrivals<L>> {
                 ..arrival
             })
         }
+        Light::Patch {
+            position,
+            axis,
+            power,
+        } => {
+            let arrival = falling_off::<L>((*position).into(), (*power).into(), points);
+            let cosine = L::splat(0.0) - arrival.direction.dot(V3::splat((*axis).into()));
+            Some(Arrivals {
+                power: arrival.power.scale(cosine),
+                any: arrival.any & L::splat(0.0).lt(cosine),
+                ..arrival
+            })
+        }
         Light::Directional { towards, power } => Some(Arrivals {
             direction: V3::splat((*towards).into()),
             power: V3::splat((*power).into()),
@@ -202,7 +215,7 @@ fn whole_power<L: Lanes>(x: L, n: u32) -> L {
 
 /// Sets colours to the light of all ambient sources, and to the background where nothing is hit.
 pub(crate) struct Ambient<'a> {
-    pub(crate) sum: Rgb,
+    pub(crate) sum: AmbientSum,
     pub(crate) background: Rgb,
     pub(crate) surfaces: &'a [SurfaceBlock],
     pub(crate) colors: &'a mut [Rgb],
@@ -215,7 +228,15 @@ impl Kernel for Ambient<'_> {
     fn run<L: Lanes>(self) {
         for (block, colors) in self.surfaces.iter().zip(self.colors.chunks_mut(LANES)) {
             let share = L::load(&block.weight) * L::load(&block.exposure);
-            let light = (V3::<L>::load(&block.albedo) * V3::splat(self.sum.into())).scale(share);
+            let normal = V3::<L>::load(&block.normal);
+            let [r, g, b] = &self.sum.slope;
+            let sum = V3::splat(self.sum.even.into())
+                + V3([
+                    V3::splat((*r).into()).dot(normal),
+                    V3::splat((*g).into()).dot(normal),
+                    V3::splat((*b).into()).dot(normal),
+                ]);
+            let light = (V3::<L>::load(&block.albedo) * sum).scale(share);
             let [r, g, b] = light.store();
             for (k, color) in colors.iter_mut().enumerate() {
                 *color = if block.hit >> k & 1 == 1 {

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::TraceError;
 use crate::camera::Camera;
 use crate::math::{Rgb, Vec3, unit_or, vec3_from_point};
+use crate::sampling::sample_offsets;
 
 /// Distance at which a point source of intensity 1 lights a facing surface to 1, mm.
 pub const REFERENCE_DISTANCE_MM: f32 = 1_000.0;
@@ -87,6 +88,49 @@ pub enum LightSource {
         #[serde(default = "white")]
         color: [f32; 3],
     },
+    /// A sky above and a ground below, without shadows: what a surface gets runs evenly from the sky's light, where it
+    /// faces upwards, to the ground's.
+    Hemisphere {
+        /// Strength on a surface that faces upwards, see the [module](self).
+        intensity: f32,
+        /// Linear RGB of the sky, white by default.
+        #[serde(default = "white")]
+        color: [f32; 3],
+        /// Linear RGB of the ground, dark brown by default.
+        #[serde(default = "earth")]
+        ground: [f32; 3],
+    },
+    /// A rectangle that shines to its front: soft shadows.
+    Area {
+        /// Middle, mm.
+        position: [f32; 3],
+        /// What it faces, mm.
+        target: [f32; 3],
+        /// Width and height, mm.
+        size: [f32; 2],
+        /// Strength, see the [module](self): that of a point, seen from far in front.
+        intensity: f32,
+        /// Linear RGB, white by default.
+        #[serde(default = "white")]
+        color: [f32; 3],
+        /// Points that stand for the rectangle, spread evenly over it; 16 by default. Shadows have as many steps.
+        #[serde(default = "area_samples")]
+        samples: u32,
+        /// Frame of position and target.
+        #[serde(default)]
+        attach: Attach,
+    },
+}
+
+/// Points of an area light at most.
+pub const MAX_AREA_SAMPLES: u32 = 256;
+
+fn area_samples() -> u32 {
+    16
+}
+
+fn earth() -> [f32; 3] {
+    [0.25, 0.2, 0.16]
 }
 
 /// A light in the world, ready to shade with.
@@ -107,9 +151,46 @@ pub(crate) enum Light {
         towards: Vec3,
         power: Rgb,
     },
-    Ambient {
+    /// A small piece of an area light.
+    Patch {
+        position: Vec3,
+        /// Unit direction to its front.
+        axis: Vec3,
         power: Rgb,
     },
+    /// Light without shadows: `power` on a surface across `up`, `power + slope` on one that faces it.
+    Ambient {
+        power: Rgb,
+        slope: Rgb,
+        up: Vec3,
+    },
+}
+
+/// All light without shadows: channel `k` of what a surface of unit normal `n` gets is `even[k] + slope[k] . n`.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct AmbientSum {
+    pub(crate) even: Rgb,
+    pub(crate) slope: [Vec3; 3],
+}
+
+impl AmbientSum {
+    pub(crate) fn of(lights: &[Light]) -> Self {
+        let mut sum = Self::default();
+        for light in lights {
+            if let Light::Ambient { power, slope, up } = light {
+                sum.even += power;
+                for k in 0..3 {
+                    sum.slope[k] += up * slope[k];
+                }
+            }
+        }
+        sum
+    }
+
+    /// What a surface gets.
+    pub(crate) fn on(&self, normal: Vec3) -> Rgb {
+        Rgb::from_fn(|k, _| self.even[k] + self.slope[k].dot(&normal))
+    }
 }
 
 /// What reaches a point from a light when nothing is in between.
@@ -122,8 +203,60 @@ pub(crate) struct Arrival {
 }
 
 impl LightSource {
-    /// Checks the numbers and moves the light to the world of `camera`.
-    pub(crate) fn in_world(&self, camera: &Camera) -> Result<Light, TraceError> {
+    /// Checks the numbers and adds the light, in the world of `camera`, to `lights`: an area light as many patches.
+    pub(crate) fn add_to(
+        &self,
+        lights: &mut Vec<Light>,
+        camera: &Camera,
+    ) -> Result<(), TraceError> {
+        if let Self::Area { .. } = self {
+            return self.add_patches(lights, camera);
+        }
+        lights.push(self.in_world(camera)?);
+        Ok(())
+    }
+
+    /// The patches of an area light, each in the middle of its share of the rectangle.
+    fn add_patches(&self, lights: &mut Vec<Light>, camera: &Camera) -> Result<(), TraceError> {
+        let Self::Area {
+            target,
+            size,
+            samples,
+            attach,
+            ..
+        } = *self
+        else {
+            return Ok(());
+        };
+        let is_size = size.iter().all(|v| *v >= 0.0 && v.is_finite());
+        if !is_size || !(1..=MAX_AREA_SAMPLES).contains(&samples) {
+            return Err(TraceError::Setting {
+                name: "area light size and samples",
+                expected: "finite lengths of at least 0 and 1 to 256 samples",
+                got: format!("{size:?} and {samples}"),
+            });
+        }
+        let Light::Point { position, power } = self.in_world(camera)? else {
+            return Ok(());
+        };
+        let axis = direction(point_in_world(target, attach, camera)? - position)?;
+        // Width runs level, unless the rectangle lies flat
+        let level = unit_or(Vec3::y().cross(&axis), Vec3::x());
+        let upwards = axis.cross(&level);
+        for [x, y] in sample_offsets(samples) {
+            let across = level * ((x as f32 - 0.5) * size[0]);
+            let along = upwards * ((y as f32 - 0.5) * size[1]);
+            lights.push(Light::Patch {
+                position: position + across + along,
+                axis,
+                power: power / samples as f32,
+            });
+        }
+        Ok(())
+    }
+
+    /// Checks the numbers and moves the light to the world of `camera`; an area light as the point in its middle.
+    fn in_world(&self, camera: &Camera) -> Result<Light, TraceError> {
         let bad = |name, expected, got: String| {
             Err(TraceError::Setting {
                 name,
@@ -140,6 +273,12 @@ impl LightSource {
         | Self::Directional {
             intensity, color, ..
         }
+        | Self::Area {
+            intensity, color, ..
+        }
+        | Self::Hemisphere {
+            intensity, color, ..
+        }
         | Self::Ambient { intensity, color }) = *self;
         let power = Rgb::from(color) * intensity;
         if !power.iter().all(|v| v.is_finite() && *v >= 0.0) {
@@ -152,6 +291,9 @@ impl LightSource {
         }
         Ok(match *self {
             Self::Point {
+                position, attach, ..
+            }
+            | Self::Area {
                 position, attach, ..
             } => Light::Point {
                 position: point_in_world(position, attach, camera)?,
@@ -192,7 +334,25 @@ impl LightSource {
                     power,
                 }
             }
-            Self::Ambient { .. } => Light::Ambient { power },
+            Self::Ambient { .. } => Light::Ambient {
+                power,
+                slope: Rgb::zeros(),
+                up: Vec3::y(),
+            },
+            Self::Hemisphere {
+                intensity, ground, ..
+            } => {
+                let ground = Rgb::from(ground) * intensity;
+                if !ground.iter().all(|v| v.is_finite() && *v >= 0.0) {
+                    let got = format!("{ground:?}");
+                    return bad("hemisphere ground", "finite numbers of at least 0", got);
+                }
+                Light::Ambient {
+                    power: (power + ground) * 0.5,
+                    slope: (power - ground) * 0.5,
+                    up: Vec3::y(),
+                }
+            }
         })
     }
 }
@@ -264,6 +424,18 @@ impl Light {
                     ..arrival
                 })
             }
+            Self::Patch {
+                position,
+                axis,
+                power,
+            } => {
+                let arrival = falling_off(position, power, point)?;
+                let cosine = -arrival.direction.dot(&axis);
+                (cosine > 0.0).then(|| Arrival {
+                    power: arrival.power * cosine,
+                    ..arrival
+                })
+            }
             Self::Directional { towards, power } => Some(Arrival {
                 direction: towards,
                 power,
@@ -275,7 +447,9 @@ impl Light {
     /// The point that a shadow ray goes to; `None` for light from infinitely far.
     pub(crate) fn position(&self) -> Option<Vec3> {
         match *self {
-            Self::Point { position, .. } | Self::Spot { position, .. } => Some(position),
+            Self::Point { position, .. }
+            | Self::Spot { position, .. }
+            | Self::Patch { position, .. } => Some(position),
             Self::Directional { .. } | Self::Ambient { .. } => None,
         }
     }
@@ -352,6 +526,45 @@ mod tests {
         assert_relative_eq!(at(0.0), 1.0, epsilon = 1e-5);
         assert!(at(14.0) > 0.9 && at(22.0) > 0.1 && at(22.0) < at(16.0));
         assert!(at(31.0) == 0.0);
+    }
+
+    #[test]
+    fn an_area_light_is_a_point_from_afar_and_dark_behind() {
+        let text = "kind = 'area'\nposition = [0, 0, 1000]\ntarget = [0, 0, 0]\nsize = [20, 10]\nintensity = 1";
+        let source: LightSource = toml::from_str(text).expect("valid");
+        let mut patches = Vec::new();
+        source.add_to(&mut patches, &camera()).expect("valid");
+        assert_eq!(patches.len(), 16);
+        let sum = |point: Vec3| {
+            let arrivals = patches.iter().filter_map(|p| p.arrival(point));
+            arrivals.fold(0.0, |sum, a| sum + a.power.x)
+        };
+        assert_relative_eq!(sum(Vec3::zeros()), 1.0, epsilon = 1e-3);
+        assert_relative_eq!(sum(Vec3::new(0.0, 0.0, 2_000.0)), 0.0);
+        // At 45 degrees: twice the squared distance, and the cosine at the light
+        let oblique = sum(Vec3::new(1_000.0, 0.0, 0.0));
+        assert_relative_eq!(oblique, 0.5 * 0.5_f32.sqrt(), epsilon = 1e-3);
+        let places: Vec<Vec3> = patches.iter().filter_map(Light::position).collect();
+        let mean = places.iter().sum::<Vec3>() / 16.0;
+        assert_relative_eq!(mean, Vec3::new(0.0, 0.0, 1_000.0), epsilon = 1e-3);
+        assert!(places.iter().all(|p| p.x.abs() < 10.0 && p.y.abs() < 5.0));
+    }
+
+    #[test]
+    fn a_hemisphere_runs_from_sky_to_ground() {
+        let text =
+            "kind = 'hemisphere'\nintensity = 0.5\ncolor = [1, 1, 1]\nground = [0.2, 0.1, 0]";
+        let source: LightSource = toml::from_str(text).expect("valid");
+        let mut lights = Vec::new();
+        source.add_to(&mut lights, &camera()).expect("valid");
+        let sum = AmbientSum::of(&lights);
+        assert_relative_eq!(sum.on(Vec3::y()), Rgb::repeat(0.5), epsilon = 1e-6);
+        assert_relative_eq!(sum.on(-Vec3::y()), Rgb::new(0.1, 0.05, 0.0), epsilon = 1e-6);
+        assert_relative_eq!(
+            sum.on(Vec3::z()),
+            Rgb::new(0.3, 0.275, 0.25),
+            epsilon = 1e-6
+        );
     }
 
     #[test]

@@ -94,9 +94,9 @@ pub(crate) fn image_of(light: &Light, blocks: &[RayBlock], count: usize) -> Opti
         return None;
     }
     let image = match light {
-        Light::Point { position, .. } | Light::Spot { position, .. } => {
-            Projection::through(*position, min, max)
-        }
+        Light::Point { position, .. }
+        | Light::Spot { position, .. }
+        | Light::Patch { position, .. } => Projection::through(*position, min, max),
         Light::Directional { towards, .. } => Projection::along(-towards, min, max),
         Light::Ambient { .. } => None,
     }?;
@@ -559,6 +559,11 @@ mod tests {
         let power = Rgb::repeat(1.0);
         let position = Vec3::new(-0.5, 0.0, 0.0);
         assert!(image_of(&Light::Point { position, power }, &blocks, LANES).is_none());
-        assert!(image_of(&Light::Ambient { power }, &blocks, LANES).is_none());
+        let ambient = Light::Ambient {
+            power,
+            slope: power,
+            up: Vec3::y(),
+        };
+        assert!(image_of(&ambient, &blocks, LANES).is_none());
     }
 }

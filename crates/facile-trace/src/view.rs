@@ -262,10 +262,11 @@ impl View {
     /// # Errors
     /// [`TraceError::Setting`] or [`TraceError::NotFinite`] for a light with impossible numbers.
     pub fn shade(&self, scene: &Scene, lights: &[LightSource]) -> Result<Rendering, TraceError> {
-        let lights: Vec<Light> = lights
-            .iter()
-            .map(|l| l.in_world(&self.camera))
-            .collect::<Result<_, _>>()?;
+        let sources = lights;
+        let mut lights: Vec<Light> = Vec::with_capacity(sources.len());
+        for source in sources {
+            source.add_to(&mut lights, &self.camera)?;
+        }
         let shader = Shader {
             scene,
             lights: &lights,

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use crate::direct::{Ambient, Gather, PendingShadows};
 use crate::interaction::{Interaction, diffuse_weight};
 use crate::lanes::{LANES, lanes_of, run};
-use crate::light::{Arrival, Light};
+use crate::light::{AmbientSum, Arrival, Light};
 use crate::material::{Material, Transmission};
 use crate::math::{Rgb, Vec3, power, unit_or};
 use crate::ray::{Hit, Ray};
@@ -84,7 +84,7 @@ impl Shader<'_> {
     /// Sets the colours to the light that needs no shadow ray.
     fn shade_unshadowed(&self, samples: Samples<'_>, colors: &mut [Rgb]) {
         run(Ambient {
-            sum: self.ambient_sum(),
+            sum: AmbientSum::of(self.lights),
             background: self.scene.background,
             surfaces: samples.surfaces,
             colors,
@@ -159,17 +159,8 @@ impl Shader<'_> {
     }
 
     fn ambient(&self, point: &Interaction<'_>, material: &Material, weight: f32) -> Rgb {
-        point.albedo.component_mul(&self.ambient_sum()) * (weight * material.exposure)
-    }
-
-    fn ambient_sum(&self) -> Rgb {
-        let mut sum = Rgb::zeros();
-        for light in self.lights {
-            if let Light::Ambient { power } = light {
-                sum += power;
-            }
-        }
-        sum
+        let light = AmbientSum::of(self.lights).on(point.normal);
+        point.albedo.component_mul(&light) * (weight * material.exposure)
     }
 
     /// What a light gives if nothing is in between, and the ray that finds out. `None` if the surface faces away.

@@ -97,7 +97,7 @@ impl Bench<'_> {
         let settings = RenderSettings {
             samples,
             truth,
-            ..RenderSettings::default()
+            ..self.file.settings()
         };
         let view = trace_view(&scene, &self.camera, &settings)?;
         let image = view.shade(&scene, &self.file.light)?.to_srgb8();
@@ -123,7 +123,8 @@ impl Bench<'_> {
         let samples = Samples::Count(1);
         let settings = RenderSettings {
             samples,
-            ..RenderSettings::default()
+            truth: Truth::default(),
+            ..self.file.settings()
         };
         let view = trace_view(&scene, &self.camera, &settings)?;
         let mut image = view.shade(&scene, &self.file.light)?.to_srgb8();
@@ -182,7 +183,8 @@ fn reference_image(
     let (scene, _) = load_scene(file, folder_of(path))?;
     let settings = RenderSettings {
         samples: Samples::Count(256),
-        ..RenderSettings::default()
+        truth: Truth::default(),
+        ..file.settings()
     };
     let view = trace_view(&scene, camera, &settings)?;
     Ok(view.shade(&scene, &file.light)?.to_srgb8())

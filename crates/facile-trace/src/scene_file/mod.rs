@@ -19,6 +19,7 @@ use crate::camera::Camera;
 use crate::gbuffer::Truth;
 use crate::light::LightSource;
 use crate::sampling::Samples;
+use crate::view::RenderSettings;
 
 pub use bench::{BenchRow, bench_scene_file};
 pub use render::render_scene_file;
@@ -84,6 +85,13 @@ pub struct ImageSection {
     /// Colour where nothing is hit.
     #[serde(default)]
     pub background: [u8; 3],
+    /// See [`crate::RenderSettings::offset_mm`].
+    #[serde(default = "default_offset")]
+    pub offset_mm: f32,
+}
+
+fn default_offset() -> f32 {
+    RenderSettings::default().offset_mm
 }
 
 /// `[camera]`: either `position`, `target` and `fov_y_deg`, or the matrices `k`, `r` and `t`.
@@ -209,6 +217,16 @@ impl SceneFile {
                 let matrix = |rows: &[[f64; 3]; 3]| Matrix3::from_row_slice(rows.as_flattened());
                 Camera::from_matrices(width, height, matrix(k), matrix(r), Vector3::from(*t))
             }
+        }
+    }
+
+    /// How to render.
+    pub fn settings(&self) -> RenderSettings {
+        RenderSettings {
+            samples: self.image.samples,
+            truth: self.truth(),
+            offset_mm: self.image.offset_mm,
+            ..RenderSettings::default()
         }
     }
 

@@ -18,7 +18,7 @@ use crate::math::Rgb;
 use crate::object::Object;
 use crate::png_file::{encode_rgb8, write_bytes, write_gray8, write_gray16, write_rgb8};
 use crate::scene::Scene;
-use crate::view::{RenderSettings, Rendering, View, trace_view};
+use crate::view::{Rendering, View, trace_view};
 
 /// Steps of a depth map's 16 bits: the largest power of two per mm that holds the image's depths, at most 64.
 const FINEST_DEPTH_STEPS_PER_MM: f32 = 64.0;
@@ -42,11 +42,7 @@ pub fn render_scene_file(
     })?;
     let (mut scene, mut report) = load_scene(&file, folder)?;
     report.frames = file.frames;
-    let settings = RenderSettings {
-        samples: file.image.samples,
-        truth: file.truth(),
-        ..RenderSettings::default()
-    };
+    let settings = file.settings();
     let rest = rest_positions(&scene);
     let mut times = FrameTimes::default();
     let mut last = None;
