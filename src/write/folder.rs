@@ -19,7 +19,7 @@ use crate::recipe::file::Format;
 use super::card::{CARD, CROISSANT, Tally};
 use super::coco::{COCO, write_coco};
 use super::journal::{FileEntry, Journal};
-use super::manifest::{Failure, MANIFEST, Manifest};
+use super::manifest::{Failure, Labels, MANIFEST, Manifest};
 use super::restore;
 
 /// Name of the records in a finished dataset.
@@ -83,6 +83,11 @@ impl Folder {
     /// How the dataset is stored.
     pub fn formats(&self) -> &[Format] {
         &self.manifest.formats
+    }
+
+    /// Names of classes.
+    pub(super) fn labels(&self) -> &Labels {
+        &self.manifest.labels
     }
 
     /// Writes one file at once: whoever looks sees all of it or nothing. Returns its size and hash.
@@ -350,6 +355,7 @@ fn remove_dataset(root: &Path) -> Result<(), Error> {
         CROISSANT,
         super::IMAGES,
         super::WEBDATASET,
+        super::PARQUET,
         ANNOTATIONS,
         CHECKSUMS,
         COCO,
