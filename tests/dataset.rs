@@ -349,6 +349,67 @@ fn damage_is_found_and_only_what_is_missing_is_made_again() {
     assert_eq!((nothing.kept, nothing.made), (24, 0));
 }
 
+/// Checks that a schema names and describes every part of a value; objects of free keys are not looked into.
+fn assert_described(schema: &serde_json::Value, value: &serde_json::Value, place: &str) {
+    assert!(
+        schema["description"].is_string(),
+        "{place} is not described"
+    );
+    if let (Some(object), Some(known)) = (value.as_object(), schema["properties"].as_object()) {
+        for (key, value) in object {
+            let place = format!("{place}.{key}");
+            // Occluders have numbers of their own kind.
+            match known.get(key) {
+                Some(schema) => assert_described(schema, value, &place),
+                None => assert!(
+                    place.starts_with("record.occluder") || key == "steps_per_mm",
+                    "{place}"
+                ),
+            }
+        }
+        for key in schema["required"].as_array().into_iter().flatten() {
+            let key = key.as_str().expect("a name");
+            assert!(object.contains_key(key), "{place} lacks {key}");
+        }
+    }
+    if let (Some(object), true) = (
+        value.as_object(),
+        schema["additionalProperties"].is_object(),
+    ) {
+        for (key, value) in object {
+            assert_described(
+                &schema["additionalProperties"],
+                value,
+                &format!("{place}.{key}"),
+            );
+        }
+    }
+    if let (Some(list), Some(n)) = (value.as_array(), schema["minItems"].as_u64()) {
+        assert_eq!(list.len() as u64, n, "{place}");
+    }
+}
+
+#[test]
+fn the_schema_of_labels_describes_every_field_of_the_records() {
+    let dir = tempfile::tempdir().expect("makes");
+    let text = RECIPE.replace(
+        "samples = 1",
+        "samples = 1\nlandmarks = [\"ibug68\", \"wflw98\"]",
+    );
+    let recipe = recipe(dir.path(), &text);
+    let output = dir.path().join("out");
+    run(&recipe, output.clone(), 2, &Unwatched);
+    let read = |name: &str| std::fs::read_to_string(output.join(name)).expect("reads");
+    let schema: serde_json::Value =
+        serde_json::from_str(&read("labels.schema.json")).expect("JSON");
+    for line in read("annotations.jsonl").lines() {
+        let record = serde_json::from_str(line).expect("JSON");
+        assert_described(&schema, &record, "record");
+    }
+    let classes = schema["properties"]["maps"]["properties"]["segments"]["classes"].clone();
+    assert_eq!(classes["7"], "nose");
+}
+
 #[test]
 fn schemes_and_boxes_agree_with_each_other() {
     let dir = tempfile::tempdir().expect("makes");

@@ -249,7 +249,7 @@ impl Tally {
         let _ = writeln!(
             text,
             "`{ANNOTATIONS}` has one record for each image; lengths are in millimetres, image positions in pixels from the \
-             upper left corner, angles in degrees. `checksums.b3` lists the BLAKE3 hash of every file."
+             upper left corner, angles in degrees. `labels.schema.json` describes every field and map. `checksums.b3` lists the BLAKE3 hash of every file."
         );
         text
     }

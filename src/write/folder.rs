@@ -19,6 +19,7 @@ use crate::recipe::file::Format;
 use super::card::{CARD, CROISSANT, Tally};
 use super::coco::{COCO, write_coco};
 use super::journal::{FileEntry, Journal};
+use super::labels::{LABELS, labels_schema};
 use super::manifest::{Failure, Labels, MANIFEST, Manifest};
 use super::restore;
 
@@ -161,6 +162,8 @@ impl Folder {
         let mut listed = vec![annotations];
         listed.push(self.write(CARD, card.as_bytes())?);
         listed.push(self.write(CROISSANT, croissant.as_bytes())?);
+        let labels = format!("{:#}\n", labels_schema());
+        listed.push(self.write(LABELS, labels.as_bytes())?);
         if self.manifest.coco {
             listed.push(self.place(COCO, |file| {
                 write_coco(file, &self.manifest.recipe, journals)
@@ -353,6 +356,7 @@ fn remove_dataset(root: &Path) -> Result<(), Error> {
     let others = [
         CARD,
         CROISSANT,
+        LABELS,
         super::IMAGES,
         super::WEBDATASET,
         super::PARQUET,
