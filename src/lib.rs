@@ -17,6 +17,7 @@ pub mod plan;
 pub mod predict;
 pub mod recipe;
 pub mod record;
+pub mod report;
 pub mod sampling;
 pub mod sheet;
 pub mod units;

@@ -235,15 +235,18 @@ fn thread_times(pipeline: &Arc<Pipeline>, grid: &Grid, thread: u64) -> Result<Ti
         times.registration.add(time);
     }
     let (person, time) = timed(|| pipeline.person(subject));
-    times.person.add(time);
+    let (person, person_s) = (Arc::new(person?), time);
     let mut worker = Worker::new(pipeline.clone());
-    worker.set_person(subject, Arc::new(person?));
+    worker.set_person(subject, person.clone());
     let samples = grid.subject_samples(visit);
     let groups = (samples.end - samples.start).div_ceil(grid.group_len());
     let views = grid.occluders * grid.views;
     let picks = groups.min(MEASURED_GROUPS);
     // The first face of a person costs a scene of its own, which the others share.
-    worker.sample(samples.start)?;
+    let (scene, time) = timed(|| pipeline.head_scene(&person));
+    scene?;
+    times.person.add(person_s + time);
+    let mut head_s = time;
     for pick in 0..picks {
         let group = samples.start + (2 * pick + 1) * groups / (2 * picks) * grid.group_len();
         let is_moved = !recipe.scene(group)?.expression.pose.is_neutral();
@@ -274,7 +277,8 @@ fn thread_times(pipeline: &Arc<Pipeline>, grid: &Grid, thread: u64) -> Result<Ti
                 .add((encoded.image.len() + encoded.record.len() + 85) as f64);
             times.samples.push(encoded);
         }
-        let face_s = whole - view_s;
+        let face_s = whole - view_s - head_s;
+        head_s = 0.0;
         if is_moved {
             times.equilibrium.add(face_s);
         } else {

@@ -43,6 +43,10 @@ pub struct Record {
     /// Box around the face, occluded or not, parts outside the image included: left, top, right, bottom, px. The face is
     /// the skin in front of the ears from the hairline to the chin.
     pub face_box_px: [f64; 4],
+    /// The smallest square around that box, with the same middle.
+    pub face_square_px: [f64; 4],
+    /// That square, larger on each side by the recipe's `box_margin` times its side.
+    pub face_margin_px: [f64; 4],
     /// Landmarks by scheme.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub landmarks: BTreeMap<String, LandmarkRecord>,

@@ -107,6 +107,9 @@ pub fn verify_sample(root: &Path, recipe: Recipe, index: u64) -> Result<Verdict,
     if recipe.formats.contains(&Format::Webdataset) {
         found.tar(&sample, index / manifest.samples_per_unit)?;
     }
+    if recipe.formats.contains(&Format::Parquet) {
+        found.parquet(&sample, index / manifest.samples_per_unit)?;
+    }
     Ok(Verdict {
         files: found.files,
         bad: found.bad,
@@ -189,6 +192,31 @@ impl Comparison<'_> {
             }
         }
         self.compare(path, stored, sample.record.as_bytes());
+        Ok(())
+    }
+
+    /// Values of a table are stored one after the other, each after its length: looks for the sample's.
+    fn parquet(&mut self, sample: &EncodedSample, unit: u64) -> Result<(), Error> {
+        let path = self.root.join(write::parquet_name(unit));
+        let table = fs::read(&path).map_err(|e| Error::io(&path, e))?;
+        let maps = sample.maps.iter().map(|(kind, bytes)| (*kind, &bytes[..]));
+        let values = [
+            ("image", &sample.image[..]),
+            ("record", sample.record.as_bytes()),
+        ];
+        for (name, made) in values.into_iter().chain(maps) {
+            let length = (made.len() as u32).to_le_bytes();
+            let is_there = (0..table.len()).any(|at| {
+                let rest = &table[at..];
+                rest.starts_with(&length) && rest[length.len()..].starts_with(made)
+            });
+            let stored = if is_there {
+                Ok(made.to_vec())
+            } else {
+                Err(std::io::Error::other("is not in the table"))
+            };
+            self.compare(path.join(name), stored, made);
+        }
         Ok(())
     }
 

@@ -348,3 +348,141 @@ fn damage_is_found_and_only_what_is_missing_is_made_again() {
     let nothing = run(&recipe, hurt.clone(), 2, &Unwatched);
     assert_eq!((nothing.kept, nothing.made), (24, 0));
 }
+
+/// Checks that a schema names and describes every part of a value; objects of free keys are not looked into.
+fn assert_described(schema: &serde_json::Value, value: &serde_json::Value, place: &str) {
+    assert!(
+        schema["description"].is_string(),
+        "{place} is not described"
+    );
+    if let (Some(object), Some(known)) = (value.as_object(), schema["properties"].as_object()) {
+        for (key, value) in object {
+            let place = format!("{place}.{key}");
+            // Occluders have numbers of their own kind.
+            match known.get(key) {
+                Some(schema) => assert_described(schema, value, &place),
+                None => assert!(
+                    place.starts_with("record.occluder") || key == "steps_per_mm",
+                    "{place}"
+                ),
+            }
+        }
+        for key in schema["required"].as_array().into_iter().flatten() {
+            let key = key.as_str().expect("a name");
+            assert!(object.contains_key(key), "{place} lacks {key}");
+        }
+    }
+    if let (Some(object), true) = (
+        value.as_object(),
+        schema["additionalProperties"].is_object(),
+    ) {
+        for (key, value) in object {
+            assert_described(
+                &schema["additionalProperties"],
+                value,
+                &format!("{place}.{key}"),
+            );
+        }
+    }
+    if let (Some(list), Some(n)) = (value.as_array(), schema["minItems"].as_u64()) {
+        assert_eq!(list.len() as u64, n, "{place}");
+    }
+}
+
+#[test]
+fn the_schema_of_labels_describes_every_field_of_the_records() {
+    let dir = tempfile::tempdir().expect("makes");
+    let text = RECIPE.replace(
+        "samples = 1",
+        "samples = 1\nlandmarks = [\"ibug68\", \"wflw98\"]",
+    );
+    let recipe = recipe(dir.path(), &text);
+    let output = dir.path().join("out");
+    run(&recipe, output.clone(), 2, &Unwatched);
+    let read = |name: &str| std::fs::read_to_string(output.join(name)).expect("reads");
+    let schema: serde_json::Value =
+        serde_json::from_str(&read("labels.schema.json")).expect("JSON");
+    for line in read("annotations.jsonl").lines() {
+        let record = serde_json::from_str(line).expect("JSON");
+        assert_described(&schema, &record, "record");
+    }
+    let classes = schema["properties"]["maps"]["properties"]["segments"]["classes"].clone();
+    assert_eq!(classes["7"], "nose");
+}
+
+#[test]
+fn schemes_and_boxes_agree_with_each_other() {
+    let dir = tempfile::tempdir().expect("makes");
+    let text = RECIPE.replace("yaw_deg = [0, 25]", "yaw_deg = [0, 50]").replace(
+        "samples = 1",
+        "samples = 1\nbox_margin = 0.1\n\
+         landmarks = [\"ibug68\", \"ibug51\", \"five\", \"wflw98\", \"ibug68_contour\", \"wflw98_contour\"]",
+    );
+    let recipe = recipe(dir.path(), &text);
+    let output = dir.path().join("out");
+    run(&recipe, output.clone(), 2, &Unwatched);
+    let text = std::fs::read_to_string(output.join("annotations.jsonl")).expect("reads");
+    for line in text.lines() {
+        let record: serde_json::Value = serde_json::from_str(line).expect("JSON");
+        let px = |scheme: &str| -> Vec<[f64; 2]> {
+            serde_json::from_value(record["landmarks"][scheme]["px"].clone()).expect("points")
+        };
+        let (ibug, wflw) = (px("ibug68"), px("wflw98"));
+        assert_eq!(px("ibug51"), ibug[17..]);
+        for (a, b) in [
+            (0, 0),
+            (8, 16),
+            (16, 32),
+            (30, 54),
+            (36, 60),
+            (39, 64),
+            (45, 72),
+            (48, 76),
+            (66, 94),
+        ] {
+            assert_eq!(ibug[a], wflw[b]);
+        }
+        // Pupils lie between the corners of their eyes.
+        for (pupil, corners) in [(96, [60, 64]), (97, [68, 72])] {
+            let x = wflw[pupil][0];
+            assert!(
+                x > wflw[corners[0]][0] - 1.0 && x < wflw[corners[1]][0] + 1.0,
+                "{x}"
+            );
+        }
+        let (contour, yaw) = (
+            px("ibug68_contour"),
+            record["head_pose"]["yaw_deg"].as_f64(),
+        );
+        assert_eq!(contour[17..], ibug[17..]);
+        let moved = |i: usize| contour[i][0] - ibug[i][0];
+        if yaw == Some(0.0) {
+            // From the front the jaw is its contour, nearly.
+            assert!(
+                (0..17).all(|i| moved(i).abs() < 1.5),
+                "{:?}",
+                (0..17).map(moved).collect::<Vec<_>>()
+            );
+        } else {
+            // The camera sees the subject's left side: its own jaw stays, the other one's contour lies further out.
+            assert!(
+                (0..8).all(|i| moved(i) <= 0.0) && moved(3) < -1.0,
+                "{:?}",
+                (0..17).map(moved).collect::<Vec<_>>()
+            );
+        }
+        let corners =
+            |key: &str| -> [f64; 4] { serde_json::from_value(record[key].clone()).expect("a box") };
+        let (tight, square, margin) = (
+            corners("face_box_px"),
+            corners("face_square_px"),
+            corners("face_margin_px"),
+        );
+        let side = (tight[2] - tight[0]).max(tight[3] - tight[1]);
+        assert!(
+            (square[2] - square[0] - side).abs() < 1e-3
+                && (square[3] - square[1] - side).abs() < 1e-3
+        );
+        assert!((margin[0] - (square[0] - 0.1 * side)).abs() < 1e-3);
+    }
+}

@@ -34,6 +34,15 @@ pub(super) struct Arguments {
     /// Replace the dataset of another recipe that the folder holds.
     #[arg(long)]
     overwrite: bool,
+    /// Begin nothing more once more than N samples have failed.
+    #[arg(long, value_name = "N")]
+    max_failures: Option<u64>,
+    /// Write a report of the run: times, caches, failures, histograms, pictures, in one HTML file.
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
+    /// Tell of progress and events as lines of JSON on standard error.
+    #[arg(long, conflicts_with = "quiet")]
+    log_json: bool,
     /// Say nothing but errors.
     #[arg(short, long)]
     quiet: bool,
@@ -47,21 +56,33 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<u8> {
         limit: arguments.limit,
         part: arguments.shard,
         overwrite: arguments.overwrite,
+        max_failures: arguments.max_failures,
+        report: arguments.report.clone(),
     };
     let folder = options.folder(&recipe);
     if let Err(e) = std::fs::create_dir_all(&folder) {
         return Err(Refused(format!("{}: {e}", folder.display())).into());
     }
     stop_on_ctrl_c()?;
-    let progress = Progress::new(arguments.quiet);
+    let voice = match (arguments.quiet, arguments.log_json) {
+        (true, _) => Voice::Quiet,
+        (_, true) => Voice::Json,
+        _ => Voice::Person,
+    };
+    let progress = Progress::new(voice);
     let summary = generate(&recipe, &options, &progress)?;
     progress.bar.finish_and_clear();
-    Ok(report(&summary, arguments.quiet, progress.begun.elapsed()))
+    if voice == Voice::Json {
+        let summary: serde_json::Value = serde_json::from_str(&summary.to_json())?;
+        event("end", &serde_json::json!({ "summary": summary }));
+    }
+    Ok(report(&summary, voice, progress.begun.elapsed()))
 }
 
-fn report(summary: &Summary, quiet: bool, time: Duration) -> u8 {
+fn report(summary: &Summary, voice: Voice, time: Duration) -> u8 {
     let failed: u64 = summary.failures.iter().map(|f| f.samples).sum();
-    for failure in &summary.failures {
+    let failures = summary.failures.iter().filter(|_| voice != Voice::Json);
+    for failure in failures {
         let what = match &failure.expression {
             Some(expression) => format!("{}, {expression}", failure.subject),
             None => failure.subject.clone(),
@@ -71,7 +92,7 @@ fn report(summary: &Summary, quiet: bool, time: Duration) -> u8 {
         } = failure;
         output::note(&format!("failed: {what} ({samples} samples): {reason}"));
     }
-    if !quiet {
+    if voice == Voice::Person {
         let rate = summary.made as f64 / time.as_secs_f64().max(1e-3);
         let kept = match summary.kept {
             0 => String::new(),
@@ -86,7 +107,12 @@ fn report(summary: &Summary, quiet: bool, time: Duration) -> u8 {
             time.as_secs_f64(),
         ));
     }
-    if summary.interrupted {
+    if summary.gave_up {
+        if voice != Voice::Json {
+            output::note(&"stopped: more samples failed than --max-failures allows");
+        }
+        FAILED
+    } else if summary.interrupted {
         output::note(&"stopped; run the same command again to go on");
         INTERRUPTED
     } else if failed > 0 {
@@ -111,10 +137,30 @@ fn stop_on_ctrl_c() -> anyhow::Result<()> {
     Ok(())
 }
 
+/// How the user is told.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Voice {
+    /// Errors alone.
+    Quiet,
+    /// A bar on a terminal, plain lines elsewhere.
+    Person,
+    /// Lines of JSON.
+    Json,
+}
+
+/// Writes one line of JSON: what happened, and more of it.
+fn event(name: &str, more: &serde_json::Value) {
+    let mut line = serde_json::json!({ "event": name });
+    if let (Some(line), Some(more)) = (line.as_object_mut(), more.as_object()) {
+        line.extend(more.clone());
+    }
+    output::note(&line);
+}
+
 /// Progress as a bar on a terminal and as lines elsewhere.
 struct Progress {
     bar: ProgressBar,
-    quiet: bool,
+    voice: Voice,
     begun: Instant,
     done: AtomicU64,
     total: AtomicU64,
@@ -122,15 +168,15 @@ struct Progress {
 }
 
 impl Progress {
-    fn new(quiet: bool) -> Self {
-        let target = if quiet {
-            ProgressDrawTarget::hidden()
-        } else {
+    fn new(voice: Voice) -> Self {
+        let target = if voice == Voice::Person {
             ProgressDrawTarget::stderr_with_hz(8)
+        } else {
+            ProgressDrawTarget::hidden()
         };
         Self {
             bar: ProgressBar::with_draw_target(None, target),
-            quiet,
+            voice,
             begun: Instant::now(),
             done: AtomicU64::new(0),
             total: AtomicU64::new(0),
@@ -139,7 +185,7 @@ impl Progress {
     }
 
     fn is_plain(&self) -> bool {
-        !self.quiet && self.bar.is_hidden()
+        self.voice != Voice::Quiet && self.bar.is_hidden()
     }
 }
 
@@ -154,7 +200,12 @@ impl Watch for Progress {
         self.bar.set_length(total);
         self.bar.set_position(done);
         self.bar.reset_eta();
-        if self.is_plain() {
+        if self.voice == Voice::Json {
+            event(
+                "begin",
+                &serde_json::json!({ "samples": total, "done": done }),
+            );
+        } else if self.is_plain() {
             output::note(&format!("{total} images, {done} are there already"));
         }
     }
@@ -174,15 +225,24 @@ impl Watch for Progress {
             let total = self.total.load(Ordering::Relaxed);
             let rate = done as f64 / self.begun.elapsed().as_secs_f64().max(1e-3);
             let left = total.saturating_sub(done) as f64 / rate.max(1e-9);
-            output::note(&format!(
-                "{done}/{total} images, {rate:.1}/s, {left:.0} s left"
-            ));
+            if self.voice == Voice::Json {
+                let numbers = serde_json::json!({
+                    "done": done, "samples": total, "rate_per_s": rate, "left_s": left,
+                });
+                event("progress", &numbers);
+            } else {
+                output::note(&format!(
+                    "{done}/{total} images, {rate:.1}/s, {left:.0} s left"
+                ));
+            }
         }
     }
 
     fn notice(&self, message: &str) {
-        if !self.quiet {
-            self.bar.suspend(|| output::note(&message));
+        match self.voice {
+            Voice::Quiet => {}
+            Voice::Person => self.bar.suspend(|| output::note(&message)),
+            Voice::Json => event("notice", &serde_json::json!({ "message": message })),
         }
     }
 

@@ -8,11 +8,13 @@ use std::collections::{BTreeMap, VecDeque};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
 
 use crate::Error;
-use crate::pipeline::{Pipeline, Worker};
+use crate::pipeline::{Pipeline, Work, Worker};
 use crate::plan::Grid;
 use crate::recipe::Recipe;
+use crate::report::{Effort, write_report};
 use crate::units::{Part, Units};
 use crate::write::{self, Encoder, Failure, Folder, Manifest, UnitWriter};
 
@@ -35,6 +37,10 @@ pub struct Options {
     pub part: Option<Part>,
     /// Replace the dataset of another recipe.
     pub overwrite: bool,
+    /// Begin nothing more once more samples than this have failed; what is in hand is finished, as on Ctrl-C.
+    pub max_failures: Option<u64>,
+    /// File for a report of the run, HTML; see [`crate::report`].
+    pub report: Option<PathBuf>,
 }
 
 impl Options {
@@ -95,6 +101,10 @@ pub struct Summary {
     pub failures: Vec<Failure>,
     /// Whether the run was stopped before its end.
     pub interrupted: bool,
+    /// Whether that was because of [`Options::max_failures`].
+    pub gave_up: bool,
+    /// Where the time went.
+    pub effort: Effort,
 }
 
 impl Summary {
@@ -107,6 +117,8 @@ impl Summary {
             "made": self.made,
             "failures": self.failures,
             "interrupted": self.interrupted,
+            "gave_up": self.gave_up,
+            "effort": self.effort,
         })
         .to_string()
     }
@@ -118,7 +130,27 @@ impl Summary {
 /// [`Error::Occupied`] and [`Error::Locked`] for a folder that cannot be used, [`Error::Io`] if it cannot be written.
 /// Bad scans and faces that find no equilibrium are in [`Summary::failures`].
 pub fn generate(recipe: &Recipe, options: &Options, watch: &dyn Watch) -> Result<Summary, Error> {
+    let begun = Instant::now();
     let pipeline = Arc::new(Pipeline::new(recipe.clone())?);
+    let threads = match options.jobs.unwrap_or(0) {
+        0 => std::thread::available_parallelism().map_or(1, usize::from),
+        n => n,
+    };
+    let mut summary = made(&pipeline, options, threads, watch)?;
+    summary.effort = Effort::of(&pipeline, begun.elapsed(), threads);
+    if let Some(path) = &options.report {
+        write_report(path, &pipeline, &summary)?;
+    }
+    Ok(summary)
+}
+
+fn made(
+    pipeline: &Arc<Pipeline>,
+    options: &Options,
+    threads: usize,
+    watch: &dyn Watch,
+) -> Result<Summary, Error> {
+    let recipe = pipeline.recipe();
     let part = options.part;
     let output = options.folder(recipe);
     let all = Grid::of(recipe).len();
@@ -135,15 +167,14 @@ pub fn generate(recipe: &Recipe, options: &Options, watch: &dyn Watch) -> Result
             made: 0,
             failures: manifest.failures,
             interrupted: false,
+            gave_up: false,
+            effort: Effort::default(),
         });
     }
     let manifest = Manifest::new(recipe, pipeline.recipe_hash(), part);
     let folder = Folder::open(&output, manifest, options.overwrite)?;
-    let threads = match options.jobs.unwrap_or(0) {
-        0 => std::thread::available_parallelism().map_or(1, usize::from),
-        n => n,
-    };
-    Run::begin(&pipeline, &folder, units, part, threads, watch)?.work(threads)
+    let max_failures = options.max_failures.unwrap_or(u64::MAX);
+    Run::begin(pipeline, &folder, units, part, threads, max_failures, watch)?.work(threads)
 }
 
 /// Runs what may only fail with an error, and makes one of a panic: a bug in one sample must not end a night's run.
@@ -189,6 +220,8 @@ struct Run<'a> {
     queue: Mutex<Queue<'a>>,
     watch: &'a dyn Watch,
     made: AtomicU64,
+    failed: AtomicU64,
+    max_failures: u64,
     /// Whether the folder could not be written.
     is_broken: AtomicBool,
 }
@@ -209,6 +242,7 @@ impl<'a> Run<'a> {
         units: Units,
         part: Option<Part>,
         threads: usize,
+        max_failures: u64,
         watch: &'a dyn Watch,
     ) -> Result<Self, Error> {
         let grid = Grid::of(pipeline.recipe());
@@ -237,6 +271,8 @@ impl<'a> Run<'a> {
             }),
             watch,
             made: AtomicU64::new(0),
+            failed: AtomicU64::new(0),
+            max_failures,
             is_broken: AtomicBool::new(false),
         })
     }
@@ -261,6 +297,8 @@ impl<'a> Run<'a> {
             made: self.made.load(Ordering::Relaxed),
             failures: manifest.failures,
             interrupted: is_left,
+            gave_up: is_left && self.gives_up(),
+            effort: Effort::default(),
         })
     }
 
@@ -285,7 +323,7 @@ impl<'a> Run<'a> {
         }
         let mut queue = self.queue();
         while queue.tasks.is_empty() {
-            if self.watch.stops() {
+            if self.watch.stops() || self.gives_up() {
                 return Ok(None);
             }
             let Some(unit) = queue.units.pop_front() else {
@@ -334,9 +372,14 @@ impl<'a> Run<'a> {
             };
             let subject = self.pipeline.recipe().subject_of_visit(factors.subject);
             worker.meet(subject, &person);
-            match caught(|| encoder.encode(&worker.sample(index)?)) {
+            let clock = self.pipeline.clock();
+            let made = caught(|| {
+                let sample = worker.sample(index)?;
+                clock.time(Work::Encoding, || encoder.encode(&sample))
+            });
+            match made {
                 Ok(sample) => {
-                    task.assembly.push(task.chunk, sample)?;
+                    clock.time(Work::Writing, || task.assembly.push(task.chunk, sample))?;
                     self.made.fetch_add(1, Ordering::Relaxed);
                     self.watch.advance(1);
                     index += 1;
@@ -353,7 +396,13 @@ impl<'a> Run<'a> {
                 }
             }
         }
-        task.assembly.close(task.chunk)
+        let clock = self.pipeline.clock();
+        clock.time(Work::Writing, || task.assembly.close(task.chunk))
+    }
+
+    /// Whether more samples have failed than may.
+    fn gives_up(&self) -> bool {
+        self.failed.load(Ordering::Relaxed) > self.max_failures
     }
 
     /// Tells of a person who was prepared.
@@ -385,6 +434,7 @@ impl<'a> Run<'a> {
             self.watch.notice(&message);
         }
         let count = samples.end - samples.start;
+        self.failed.fetch_add(count, Ordering::Relaxed);
         self.watch.advance(count);
         task.assembly.fail(Failure {
             first: samples.start,

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
 use super::caught;
-use crate::pipeline::{Person, Pipeline};
+use crate::pipeline::{Person, Pipeline, Work};
 
 /// A person, or why there is none.
 pub(super) type Prepared = Result<Arc<Person>, Arc<str>>;
@@ -53,7 +53,8 @@ impl<'a> People<'a> {
             slots.insert(next, None);
             drop(slots);
             let subject = self.pipeline.recipe().subject_of_visit(next);
-            let person = caught(|| self.pipeline.person(subject))
+            let clock = self.pipeline.clock();
+            let person = caught(|| clock.time(Work::People, || self.pipeline.person(subject)))
                 .map(Arc::new)
                 .map_err(|e| Arc::from(e.to_string()));
             heard(subject, &person);

@@ -4,7 +4,7 @@ use facile_core::{Isometry3, Point3, UnitQuaternion, Vector3};
 use facile_sim::{Certificate, Pose, Solver, SolverParams};
 use facile_trace::head::Gaze;
 
-use super::{Person, Pipeline};
+use super::{Person, Pipeline, equilibria};
 use crate::Error;
 
 /// A face in an expression.
@@ -21,7 +21,7 @@ pub struct Face {
 }
 
 impl Pipeline {
-    /// The face of `person` in a pose.
+    /// The face of `person` in a pose, solved for or from the cache.
     ///
     /// # Errors
     /// [`Error::Sim`] if no equilibrium is found.
@@ -36,13 +36,20 @@ impl Pipeline {
         let Some(model) = person.model.as_ref().filter(|_| !pose.is_neutral()) else {
             return Ok(at_rest());
         };
-        let solved = solver.solve(model, pose, &SolverParams::of(self.recipe().solver))?;
-        Ok(Face {
+        let solver_kind = self.recipe().solver;
+        let key = equilibria::key(&person.shape, pose, solver_kind);
+        if let Some(face) = self.equilibria.get(&key, person.subject.positions.len()) {
+            return Ok(face);
+        }
+        let solved = solver.solve(model, pose, &SolverParams::of(solver_kind))?;
+        let face = Face {
             positions: solved.positions,
             jaw: solved.jaw,
             gaze: solved.eyes.map(|turn| gaze_of(&turn)),
             certificate: Some(solved.certificate),
-        })
+        };
+        self.equilibria.put(&key, &face);
+        Ok(face)
     }
 }
 

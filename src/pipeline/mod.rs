@@ -6,22 +6,28 @@
 
 mod animate;
 mod cache;
+mod clock;
+mod equilibria;
 mod pose;
 mod register;
 mod render;
+mod schemes;
 mod truth;
 mod worker;
 
 use std::collections::BTreeSet;
 
-use facile_core::{LandmarkScheme, ReferenceHead};
+use facile_core::{CoreError, ReferenceHead};
 use facile_flow::RegistrationParams;
 use facile_sim::{FaceRig, MuscleSet};
 
 pub use animate::Face;
-pub use cache::CACHE_VARIABLE;
+pub use cache::{CACHE_SIZE_VARIABLE, CACHE_VARIABLE, Counts};
+pub use clock::{Clock, Work};
+use equilibria::Equilibria;
 pub use pose::{PosedHead, face_model};
 pub use register::{Person, Registered, Registrations};
+pub use schemes::Scheme;
 pub use truth::{Maps, ViewTruth};
 pub use worker::{Sample, Worker, render_subject};
 
@@ -37,9 +43,11 @@ pub struct Pipeline {
     reference: &'static ReferenceHead,
     /// What all faces that move share; `None` where every face of the recipe is at rest.
     rig: Option<FaceRig>,
-    schemes: Vec<&'static LandmarkScheme>,
+    schemes: Vec<Scheme>,
     face_vertices: Vec<u32>,
     registrations: Registrations,
+    equilibria: Equilibria,
+    clock: Clock,
 }
 
 impl Pipeline {
@@ -53,7 +61,15 @@ impl Pipeline {
             .image
             .landmarks
             .iter()
-            .map(|name| reference.scheme(name))
+            .map(|name| {
+                Scheme::named(name).ok_or_else(|| {
+                    Error::Core(CoreError::UnknownName {
+                        kind: "landmark scheme",
+                        name: name.clone(),
+                        known: Scheme::names().join(", "),
+                    })
+                })
+            })
             .collect::<Result<_, _>>()?;
         let is_moved = recipe.expressions.iter().any(|e| !e.pose.is_neutral())
             || recipe.sampling.as_ref().is_some_and(Sampling::moves);
@@ -68,6 +84,8 @@ impl Pipeline {
                 delight: recipe.subjects.delight,
                 ..RegistrationParams::default()
             }),
+            equilibria: Equilibria::new(),
+            clock: Clock::default(),
             recipe,
         })
     }
@@ -94,8 +112,23 @@ impl Pipeline {
     }
 
     /// The landmark schemes that the recipe asks for.
-    pub fn schemes(&self) -> &[&'static LandmarkScheme] {
+    pub fn schemes(&self) -> &[Scheme] {
         &self.schemes
+    }
+
+    /// Where the time goes.
+    pub fn clock(&self) -> &Clock {
+        &self.clock
+    }
+
+    /// How many equilibria were solved for, and how many taken from the cache.
+    pub fn equilibrium_counts(&self) -> &Counts {
+        self.equilibria.counts()
+    }
+
+    /// How many registrations were made, and how many taken from the cache.
+    pub fn registration_counts(&self) -> &Counts {
+        self.registrations.counts()
     }
 
     /// Whether the registration of subject number `subject` is in the cache.

@@ -14,7 +14,8 @@ use facile_flow::{Registrar, RegistrationParams, RegistrationReport, ScanLandmar
 use facile_sim::FaceModel;
 
 use super::Pipeline;
-use super::cache::Cache;
+use super::cache::{Cache, Counts};
+use super::equilibria;
 use crate::Error;
 use crate::recipe::SubjectSource;
 
@@ -55,6 +56,8 @@ impl Registered {
 pub struct Person {
     /// Shape and colour.
     pub subject: Subject,
+    /// Hash of what the physics sees of the subject.
+    pub(super) shape: blake3::Hash,
     /// `scan`, `builtin` or `sampled`.
     pub kind: &'static str,
     /// How well the scan was registered; `None` for drawn identities.
@@ -101,6 +104,7 @@ impl Pipeline {
             .map(|rig| rig.model(self.reference(), &subject))
             .transpose()?;
         Ok(Person {
+            shape: equilibria::shape(&subject),
             subject,
             kind,
             registration,
@@ -143,6 +147,7 @@ pub struct Registrations {
     /// Made for the first scan that is not in the cache.
     registrar: OnceLock<Registrar<'static>>,
     cache: Cache,
+    counts: Counts,
 }
 
 impl Default for Registrations {
@@ -164,6 +169,7 @@ impl Registrations {
             params,
             registrar: OnceLock::new(),
             cache: Cache::of_user(),
+            counts: Counts::default(),
         }
     }
 
@@ -256,7 +262,7 @@ impl Registrations {
             SubjectSource::Builtin { name } => builtin::load(name).ok().map(|(scan, _)| scan),
             SubjectSource::Sampled { .. } => None,
         };
-        scan.is_some_and(|scan| self.cache.get(&self.key(&scan, None)).is_some())
+        scan.is_some_and(|scan| self.cache.has(&self.key(&scan, None)))
     }
 
     fn register(
@@ -267,8 +273,10 @@ impl Registrations {
         let key = self.key(scan, landmarks);
         let stored = self.cache.get(&key);
         if let Some(registered) = stored.and_then(|bytes| self.read(&bytes, &scan.path)) {
+            self.counts.hit();
             return Ok(registered);
         }
+        self.counts.made();
         let registrar = match self.registrar.get() {
             Some(registrar) => registrar,
             None => {
@@ -293,6 +301,11 @@ impl Registrations {
 
     fn is_shipped(&self) -> bool {
         std::ptr::eq(self.reference, ReferenceHead::embedded())
+    }
+
+    /// How many registrations were made, and how many taken from the cache.
+    pub fn counts(&self) -> &Counts {
+        &self.counts
     }
 
     fn read(&self, bytes: &[u8], path: &Path) -> Option<Registered> {

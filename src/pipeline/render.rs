@@ -128,6 +128,7 @@ mod tests {
             landmarks: Vec::new(),
             samples: facile_trace::Samples::Count(1),
             background: [0; 3],
+            box_margin: 0.0,
         };
         let camera = camera(&view, &image).expect("possible");
         let (px, depth) = camera

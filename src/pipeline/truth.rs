@@ -3,9 +3,10 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use facile_core::{LandmarkScheme, Plane, Point3, Segment};
+use facile_core::{Plane, Point3, Segment, Subject};
 use facile_trace::{Camera, HeadScene, Layer, Occlusion, Ray, View as TracedView};
 
+use super::schemes::Placed;
 use super::{Face, Person, Pipeline};
 use crate::recipe::file::Truth;
 use crate::recipe::{Expression, Occluder};
@@ -69,13 +70,20 @@ pub(super) fn is_face(segment: Segment) -> bool {
 
 impl Pipeline {
     /// The truth of a view.
-    pub fn truth(&self, scene: &HeadScene, face: &Face, traced: &TracedView) -> ViewTruth {
+    pub fn truth(
+        &self,
+        subject: &Subject,
+        scene: &HeadScene,
+        face: &Face,
+        traced: &TracedView,
+    ) -> ViewTruth {
         let camera = traced.camera();
         let image = &self.recipe().image;
         let mut landmarks = BTreeMap::new();
         if image.wants(Truth::Landmarks) {
             for scheme in self.schemes() {
-                let record = self.landmarks(scheme, scene, face, camera);
+                let placed = scheme.place(self.reference(), subject, face, camera);
+                let record = landmark_record(&placed, scene, camera);
                 landmarks.insert(scheme.name.clone(), record);
             }
         }
@@ -97,33 +105,6 @@ impl Pipeline {
             landmarks,
             face_box_px: self.face_box(face, camera),
             maps: Arc::new(maps),
-        }
-    }
-
-    /// Projects the landmarks of a scheme and finds what hides each.
-    fn landmarks(
-        &self,
-        scheme: &LandmarkScheme,
-        scene: &HeadScene,
-        face: &Face,
-        camera: &Camera,
-    ) -> LandmarkRecord {
-        let triangles = &self.reference().mesh.triangles;
-        let points = scheme.positions(&face.positions, triangles);
-        let px = points.iter().map(|p| match camera.project(p) {
-            Some((px, _)) => px.map(rounded),
-            // At or behind the camera: nowhere in the image.
-            None => [-1e6; 2],
-        });
-        let own = |i: usize| self.reference().mesh.segments[scheme.points[i].triangle as usize];
-        LandmarkRecord {
-            px: px.collect(),
-            mm: points.iter().map(rounded_point).collect(),
-            visibility: points
-                .iter()
-                .enumerate()
-                .map(|(i, p)| hidden_by(p, own(i), scene, camera))
-                .collect(),
         }
     }
 
@@ -176,6 +157,8 @@ impl Pipeline {
             head_pose: HeadPose::of(camera.camera_from_world()),
             occluder: Occluder::clone(&scene.occluder),
             face_box_px: truth.face_box_px,
+            face_square_px: square(truth.face_box_px, 0.0),
+            face_margin_px: square(truth.face_box_px, recipe.image.box_margin),
             landmarks: truth.landmarks.clone(),
             maps: map_records(first, &truth.maps),
         }
@@ -204,6 +187,30 @@ impl Pipeline {
             equilibrium: face.certificate.clone(),
         }
     }
+}
+
+/// Projects landmarks and finds what hides each.
+fn landmark_record(placed: &[Placed], scene: &HeadScene, camera: &Camera) -> LandmarkRecord {
+    let px = placed.iter().map(|p| match camera.project(&p.point) {
+        Some((px, _)) => px.map(rounded),
+        // At or behind the camera: nowhere in the image.
+        None => [-1e6; 2],
+    });
+    let hidden = placed
+        .iter()
+        .map(|p| hidden_by(&p.point, p.segment, scene, camera));
+    LandmarkRecord {
+        px: px.collect(),
+        mm: placed.iter().map(|p| rounded_point(&p.point)).collect(),
+        visibility: hidden.collect(),
+    }
+}
+
+/// The smallest square around a box, with the same middle, larger by a share of its side on each side.
+fn square([left, top, right, bottom]: [f64; 4], margin: f64) -> [f64; 4] {
+    let half = (right - left).max(bottom - top) * (0.5 + margin);
+    let (x, y) = ((left + right) / 2.0, (top + bottom) / 2.0);
+    [x - half, y - half, x + half, y + half].map(rounded)
 }
 
 /// `visible`, or what hides a landmark: `frame` (outside the image), `occluder`, `closed_mouth` (the other lip) or
@@ -265,4 +272,21 @@ fn map_records(first: u64, maps: &Maps) -> BTreeMap<&'static str, MapRecord> {
             (kind, record)
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn squares_keep_the_middle_of_their_box() {
+        assert_eq!(
+            square([10.0, 20.0, 30.0, 60.0], 0.0),
+            [0.0, 20.0, 40.0, 60.0]
+        );
+        assert_eq!(
+            square([10.0, 20.0, 30.0, 60.0], 0.25),
+            [-10.0, 10.0, 50.0, 70.0]
+        );
+    }
 }

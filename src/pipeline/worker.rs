@@ -12,7 +12,7 @@ use facile_sim::{Pose, Solver};
 use facile_trace::{HeadScene, View as TracedView};
 
 use super::truth::{Maps, ViewTruth};
-use super::{Face, Person, Pipeline};
+use super::{Face, Person, Pipeline, Work};
 use crate::Error;
 use crate::plan::Grid;
 use crate::recipe::{Occluder, Recipe, View};
@@ -114,13 +114,16 @@ impl Worker {
         let scene = pipeline.recipe().scene(index)?;
         let person = self.person(scene.subject)?;
         self.pose(&person, &scene.expression.pose)?;
-        self.trace(&scene.occluder, &scene.view)?;
+        self.trace(&person, &scene.occluder, &scene.view)?;
         let (Some(posed), Some(traced)) = (&self.posed, &self.traced) else {
             unreachable!("both were set above");
         };
-        let shaded = traced
-            .traced
-            .shade(&posed.scene.scene, &scene.lighting.sources)?;
+        let image = pipeline.clock().time(Work::Shading, || {
+            let shaded = traced
+                .traced
+                .shade(&posed.scene.scene, &scene.lighting.sources)?;
+            Ok::<_, Error>(shaded.to_srgb8())
+        })?;
         let first = index - index % self.grid.lightings;
         let record = pipeline.record(
             index,
@@ -132,7 +135,7 @@ impl Worker {
             &traced.truth,
         );
         Ok(Sample {
-            image: shaded.to_srgb8(),
+            image,
             record,
             maps: traced.truth.maps.clone(),
             owns_maps: first == index,
@@ -145,7 +148,9 @@ impl Worker {
         {
             return Ok(person.clone());
         }
-        let person = Arc::new(self.pipeline.person(subject)?);
+        let clock = self.pipeline.clock();
+        let person = clock.time(Work::People, || self.pipeline.person(subject))?;
+        let person = Arc::new(person);
         self.set_person(subject, person.clone());
         Ok(person)
     }
@@ -155,14 +160,22 @@ impl Worker {
             return Ok(());
         }
         self.traced = None;
-        let face = self.pipeline.face(person, pose, &mut self.solver)?;
+        let pipeline = &self.pipeline;
+        let clock = pipeline.clock();
+        let face = clock.time(Work::Equilibria, || {
+            pipeline.face(person, pose, &mut self.solver)
+        })?;
         // The scene of another expression of this person is refitted, not built again.
-        let mut scene = match self.posed.take() {
-            Some(posed) => posed.scene,
-            None => self.pipeline.head_scene(person)?,
-        };
-        scene.scene.truncate(HeadScene::PARTS);
-        self.pipeline.show_face(&mut scene, &face)?;
+        let posed = self.posed.take();
+        let scene = clock.time(Work::Scenes, || {
+            let mut scene = match posed {
+                Some(posed) => posed.scene,
+                None => pipeline.head_scene(person)?,
+            };
+            scene.scene.truncate(HeadScene::PARTS);
+            pipeline.show_face(&mut scene, &face)?;
+            Ok::<_, Error>(scene)
+        })?;
         self.posed = Some(Posed {
             pose: pose.clone(),
             occluder: None,
@@ -172,21 +185,26 @@ impl Worker {
         Ok(())
     }
 
-    fn trace(&mut self, occluder: &Occluder, view: &View) -> Result<(), Error> {
+    fn trace(&mut self, person: &Person, occluder: &Occluder, view: &View) -> Result<(), Error> {
+        let pipeline = &self.pipeline;
+        let clock = pipeline.clock();
         let Some(posed) = self.posed.as_mut() else {
             unreachable!("a face is posed before it is traced");
         };
         if posed.occluder.as_ref() != Some(occluder) {
             posed.scene.scene.truncate(HeadScene::PARTS);
-            self.pipeline.add_occluder(&mut posed.scene, occluder)?;
+            let add = || pipeline.add_occluder(&mut posed.scene, occluder);
+            clock.time(Work::Scenes, add)?;
             posed.occluder = Some(occluder.clone());
             self.traced = None;
         }
         if self.traced.as_ref().is_some_and(|t| t.view == *view) {
             return Ok(());
         }
-        let traced = self.pipeline.trace(&posed.scene, view)?;
-        let truth = self.pipeline.truth(&posed.scene, &posed.face, &traced);
+        let traced = clock.time(Work::Tracing, || pipeline.trace(&posed.scene, view))?;
+        let truth = clock.time(Work::Truth, || {
+            pipeline.truth(&person.subject, &posed.scene, &posed.face, &traced)
+        });
         self.traced = Some(Traced {
             view: *view,
             traced,

@@ -3,7 +3,7 @@
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
-use facile_core::{ReferenceHead, builtin};
+use facile_core::builtin;
 use facile_trace::Samples;
 
 use super::check_sampling::sampling;
@@ -13,6 +13,7 @@ use super::file::{
 };
 use super::problem::{Place, Problem};
 use super::settings::{ImageSettings, Recipe, Subjects};
+use crate::pipeline::Scheme;
 
 /// Limits that protect against typing errors, not against large datasets.
 const MAX_IMAGES: u64 = 1_000_000_000_000;
@@ -75,7 +76,7 @@ fn check_dataset(file: &RecipeFile, place: &Place) -> Result<(), Problem> {
         return Err(place
             .key("formats")
             .problem("at least one format is needed")
-            .help("allowed: folder, webdataset"));
+            .help("allowed: folder, webdataset, parquet"));
     }
     if !IMAGES_PER_SHARD.contains(&table.images_per_shard) {
         return Err(place.key("images_per_shard").problem(format!(
@@ -134,8 +135,7 @@ fn image(table: &ImageTable, place: &Place) -> Result<ImageSettings, Problem> {
             return Err(place.unknown("value", word, &["adaptive".to_owned()]));
         }
     };
-    let schemes = &ReferenceHead::embedded().landmarks;
-    let known: Vec<String> = schemes.iter().map(|s| s.name.clone()).collect();
+    let known = Scheme::names();
     for (i, scheme) in table.landmarks.iter().enumerate() {
         if !known.contains(scheme) {
             let place = place.key("landmarks").index(i);
@@ -154,6 +154,12 @@ fn image(table: &ImageTable, place: &Place) -> Result<ImageSettings, Problem> {
         landmarks: table.landmarks.clone(),
         samples,
         background: table.background,
+        box_margin: in_range(
+            table.box_margin,
+            0.0..=2.0,
+            "box_margin",
+            &place.key("box_margin"),
+        )?,
     })
 }
 

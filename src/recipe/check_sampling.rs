@@ -10,7 +10,7 @@ use super::check::in_range;
 use super::check_scene::sim_problem;
 use super::problem::{Place, Problem};
 use super::sampling_file::{ConstraintTable, DistributionTable, PatternWord, SamplingTable};
-use super::settings::{Occluder, Recipe};
+use super::settings::Recipe;
 use crate::Error;
 use crate::sampling::{
     Constraint, Distribution, Draws, Pattern, Quantity, Sampling, Stage, Weights,
@@ -120,14 +120,9 @@ impl Names {
         Self {
             expressions: recipe.expressions.iter().map(|e| e.name.clone()).collect(),
             lights: recipe.lightings.iter().map(|l| l.name.clone()).collect(),
-            occluders: recipe.occluders.iter().map(kind_of).collect(),
+            occluders: recipe.occluders.iter().map(|o| o.kind()).collect(),
         }
     }
-}
-
-fn kind_of(occluder: &Occluder) -> String {
-    let value = serde_json::to_value(occluder).unwrap_or_default();
-    value["kind"].as_str().unwrap_or("none").to_owned()
 }
 
 /// Weights of a list's entries, given by name. Entries of one name share its weight.

@@ -76,6 +76,8 @@ pub enum Format {
     Folder,
     /// Tar files in the order and naming of `WebDataset`: image, record and maps of a sample side by side.
     Webdataset,
+    /// Tables with the images inside, as Hugging Face `datasets` loads them, labels and classes typed.
+    Parquet,
 }
 
 /// `[image]`
@@ -90,12 +92,15 @@ pub struct ImageTable {
     pub quality: i64,
     /// Ground truth to write.
     pub truth: Vec<Truth>,
-    /// Landmark schemes to write, by name: `ibug68`, `five`.
+    /// Landmark schemes to write, by name: `five`, `ibug51`, `ibug68`, `wflw98`, `dense` (every vertex of the reference
+    /// mesh); `ibug68_contour` and `wflw98_contour` have the jaw on the visible contour.
     pub landmarks: Vec<String>,
     /// Samples per pixel, from 1 to 256, or `adaptive`: 16 where neighbouring pixels differ, 1 elsewhere.
     pub samples: SamplesTable,
     /// sRGB colour behind the head, from 0 to 255.
     pub background: [u8; 3],
+    /// What `face_margin_px` adds on each side of the square around the face, as a share of its side, from 0 to 2.
+    pub box_margin: f64,
 }
 
 impl Default for ImageTable {
@@ -108,6 +113,7 @@ impl Default for ImageTable {
             landmarks: vec!["ibug68".to_owned()],
             samples: SamplesTable::Word("adaptive".to_owned()),
             background: [125, 134, 142],
+            box_margin: 0.25,
         }
     }
 }

@@ -73,6 +73,8 @@ pub struct ImageSettings {
     pub samples: Samples,
     /// sRGB colour behind the head.
     pub background: [u8; 3],
+    /// What the box with margin adds on each side of the face's square, as a share of its side.
+    pub box_margin: f64,
 }
 
 impl ImageSettings {
@@ -169,6 +171,14 @@ pub enum Occluder {
     /// Surgical mask, scarf or cap.
     #[serde(untagged)]
     Cloth(Drape),
+}
+
+impl Occluder {
+    /// The name of its kind in recipes and records.
+    pub fn kind(&self) -> String {
+        let value = serde_json::to_value(self).unwrap_or_default();
+        value["kind"].as_str().unwrap_or("none").to_owned()
+    }
 }
 
 /// A viewpoint: the camera on a sphere around its target.

@@ -12,6 +12,7 @@ use serde_json::{Value, json};
 use super::folder::ANNOTATIONS;
 use super::journal::FileEntry;
 use super::manifest::Manifest;
+use super::parquet::PARQUET;
 use super::webdataset::WEBDATASET;
 use super::{COCO, IMAGES};
 use crate::recipe::file::Format;
@@ -23,9 +24,18 @@ pub const CROISSANT: &str = "croissant.json";
 /// Width of the classes of yaw and pitch, degrees.
 const ANGLE_STEP: f64 = 15.0;
 
+/// Numbers of certificates, and the widths of their classes.
+const RESIDUAL: &str = "relative residual";
+const PENETRATION: &str = "penetration of the skull";
+const LIP_OVERLAP: &str = "overlap of the lips";
+const INVERTED: &str = "inverted elements";
+const ITERATIONS: &str = "iterations";
+const LENGTH_STEP: f64 = 0.05;
+const ITERATION_STEP: f64 = 50.0;
+
 /// Counts what records say.
 #[derive(Debug, Default)]
-pub(super) struct Tally {
+pub(crate) struct Tally {
     images: u64,
     size: [u32; 2],
     counts: BTreeMap<&'static str, BTreeMap<String, u64>>,
@@ -34,6 +44,8 @@ pub(super) struct Tally {
     equilibria: u64,
     largest_residual: f64,
     largest_penetration_mm: f64,
+    /// Classes of the certificates' numbers: lower ends, in units of the class.
+    certificates: BTreeMap<&'static str, BTreeMap<i64, u64>>,
 }
 
 #[derive(Deserialize)]
@@ -67,6 +79,9 @@ struct Expression {
 struct Equilibrium {
     residual: f64,
     max_penetration_mm: f64,
+    lip_overlap_mm: f64,
+    inverted_elements: u64,
+    iterations: u64,
 }
 
 #[derive(Deserialize)]
@@ -92,7 +107,7 @@ struct Landmarks {
 
 impl Tally {
     /// Counts a record. Lines that are no records are left out; the writer makes none.
-    pub(super) fn add(&mut self, record: &str) {
+    pub(crate) fn add(&mut self, record: &str) {
         let Ok(entry) = serde_json::from_str::<Entry>(record) else {
             return;
         };
@@ -120,7 +135,8 @@ impl Tally {
             equilibrium,
         } = entry.expression;
         count("expression", name);
-        count("intensity", format!("{intensity}"));
+        // Drawn intensities are all different.
+        count("intensity, to 0.1", format!("{intensity:.1}"));
         count("lighting", entry.light.name);
         count("occluder", entry.occluder.kind);
         if let Some(landmarks) = entry.landmarks.into_values().next() {
@@ -145,7 +161,57 @@ impl Tally {
             self.equilibria += 1;
             self.largest_residual = self.largest_residual.max(found.residual);
             self.largest_penetration_mm = self.largest_penetration_mm.max(found.max_penetration_mm);
+            let numbers = [
+                (RESIDUAL, (2.0 * found.residual.max(1e-12).log10()).floor()),
+                (
+                    PENETRATION,
+                    (found.max_penetration_mm / LENGTH_STEP).floor(),
+                ),
+                (LIP_OVERLAP, (found.lip_overlap_mm / LENGTH_STEP).floor()),
+                (INVERTED, found.inverted_elements as f64),
+                (
+                    ITERATIONS,
+                    (found.iterations as f64 / ITERATION_STEP).floor(),
+                ),
+            ];
+            for (name, class) in numbers {
+                let classes = self.certificates.entry(name).or_default();
+                *classes.entry(class as i64).or_default() += 1;
+            }
         }
+    }
+
+    /// Number of images by the values of each factor.
+    pub(crate) fn factors(&self) -> Vec<(String, Vec<(String, u64)>)> {
+        let counts = self.counts.iter().map(|(factor, counts)| {
+            let rows = counts.iter().map(|(value, n)| (value.clone(), *n));
+            ((*factor).to_owned(), rows.collect())
+        });
+        let angles = self.angles.iter().map(|(factor, counts)| {
+            let rows = counts.iter().map(|(class, n)| {
+                let middle = *class as f64 * ANGLE_STEP;
+                (format!("{middle:+} degrees"), *n)
+            });
+            ((*factor).to_owned(), rows.collect())
+        });
+        counts.chain(angles).collect()
+    }
+
+    /// Number of images by the numbers of their equilibria's certificates, each class by its lower end.
+    pub(crate) fn certificates(&self) -> Vec<(String, Vec<(String, u64)>)> {
+        let name = |certificate: &str, class: i64| match certificate {
+            RESIDUAL => format!("from {:.1e}", 10_f64.powf(class as f64 / 2.0)),
+            PENETRATION | LIP_OVERLAP => format!("from {:.2} mm", class as f64 * LENGTH_STEP),
+            ITERATIONS => format!("from {}", class as f64 * ITERATION_STEP),
+            _ => class.to_string(),
+        };
+        let each = self.certificates.iter().map(|(certificate, counts)| {
+            let rows = counts
+                .iter()
+                .map(|(class, n)| (name(certificate, *class), *n));
+            ((*certificate).to_owned(), rows.collect())
+        });
+        each.collect()
     }
 
     /// The card, as Markdown.
@@ -176,22 +242,14 @@ impl Tally {
             );
         }
         text += "## What is in it\n";
-        for (factor, counts) in &self.counts {
-            let rows = counts.iter().map(|(value, n)| (value.clone(), *n));
-            histogram(&mut text, factor, rows);
-        }
-        for (factor, counts) in &self.angles {
-            let rows = counts.iter().map(|(class, n)| {
-                let middle = *class as f64 * ANGLE_STEP;
-                (format!("{middle:+} degrees"), *n)
-            });
-            histogram(&mut text, factor, rows);
+        for (factor, rows) in self.factors() {
+            histogram(&mut text, &factor, &rows);
         }
         text += "\n## Files\n\n";
         let _ = writeln!(
             text,
             "`{ANNOTATIONS}` has one record for each image; lengths are in millimetres, image positions in pixels from the \
-             upper left corner, angles in degrees. `checksums.b3` lists the BLAKE3 hash of every file."
+             upper left corner, angles in degrees. `labels.schema.json` describes every field and map. `checksums.b3` lists the BLAKE3 hash of every file."
         );
         text
     }
@@ -220,6 +278,11 @@ impl Tally {
         for format in &manifest.formats {
             files.push(match format {
                 Format::Folder => set(IMAGES, "images/*", "image/*"),
+                Format::Parquet => set(
+                    PARQUET,
+                    "parquet/*.parquet",
+                    "application/vnd.apache.parquet",
+                ),
                 Format::Webdataset => set(WEBDATASET, "webdataset/*.tar", "application/x-tar"),
             });
         }
@@ -285,12 +348,12 @@ impl Tally {
 }
 
 /// A table of counts with bars.
-fn histogram(text: &mut String, factor: &str, rows: impl Iterator<Item = (String, u64)> + Clone) {
+fn histogram(text: &mut String, factor: &str, rows: &[(String, u64)]) {
     const LONGEST: f64 = 30.0;
-    let most = rows.clone().map(|(_, n)| n).max().unwrap_or(1).max(1);
+    let most = rows.iter().map(|(_, n)| *n).max().unwrap_or(1).max(1);
     let _ = writeln!(text, "\n| {factor} | number | |\n|---|---:|---|");
     for (value, n) in rows {
-        let bar = "#".repeat((LONGEST * n as f64 / most as f64).ceil() as usize);
+        let bar = "#".repeat((LONGEST * *n as f64 / most as f64).ceil() as usize);
         let _ = writeln!(text, "| {} | {n} | {bar} |", value.replace('|', "/"));
     }
 }
@@ -308,7 +371,10 @@ mod tests {
                 "subject": { "id": "a", "kind": "builtin", "attributes": { "sex": "female" } },
                 "expression": {
                     "name": name, "intensity": 0.5,
-                    "equilibrium": { "residual": 2e-4, "max_penetration_mm": 0.01 },
+                    "equilibrium": {
+                        "residual": 2e-4, "max_penetration_mm": 0.01, "lip_overlap_mm": 0.0,
+                        "inverted_elements": 2, "iterations": 120,
+                    },
                 },
                 "light": { "name": "key" },
                 "occluder": { "kind": "none" },
@@ -332,6 +398,10 @@ mod tests {
         ] {
             assert!(card.contains(line), "{line}:\n{card}");
         }
+        let certificates = tally.certificates();
+        let iterations = certificates.iter().find(|(name, _)| name == ITERATIONS);
+        let expected = vec![("from 100".to_owned(), 3)];
+        assert_eq!(iterations.map(|(_, rows)| rows), Some(&expected));
         let entry = FileEntry {
             name: ANNOTATIONS.to_owned(),
             bytes: 10,

@@ -65,6 +65,7 @@ mod tests {
             landmarks: Vec::new(),
             samples: facile_trace::Samples::Count(1),
             background: [0; 3],
+            box_margin: 0.0,
         }
     }
 

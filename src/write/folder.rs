@@ -19,7 +19,8 @@ use crate::recipe::file::Format;
 use super::card::{CARD, CROISSANT, Tally};
 use super::coco::{COCO, write_coco};
 use super::journal::{FileEntry, Journal};
-use super::manifest::{Failure, MANIFEST, Manifest};
+use super::labels::{LABELS, labels_schema};
+use super::manifest::{Failure, Labels, MANIFEST, Manifest};
 use super::restore;
 
 /// Name of the records in a finished dataset.
@@ -83,6 +84,11 @@ impl Folder {
     /// How the dataset is stored.
     pub fn formats(&self) -> &[Format] {
         &self.manifest.formats
+    }
+
+    /// Names of classes.
+    pub(super) fn labels(&self) -> &Labels {
+        &self.manifest.labels
     }
 
     /// Writes one file at once: whoever looks sees all of it or nothing. Returns its size and hash.
@@ -156,6 +162,8 @@ impl Folder {
         let mut listed = vec![annotations];
         listed.push(self.write(CARD, card.as_bytes())?);
         listed.push(self.write(CROISSANT, croissant.as_bytes())?);
+        let labels = format!("{:#}\n", labels_schema());
+        listed.push(self.write(LABELS, labels.as_bytes())?);
         if self.manifest.coco {
             listed.push(self.place(COCO, |file| {
                 write_coco(file, &self.manifest.recipe, journals)
@@ -348,8 +356,10 @@ fn remove_dataset(root: &Path) -> Result<(), Error> {
     let others = [
         CARD,
         CROISSANT,
+        LABELS,
         super::IMAGES,
         super::WEBDATASET,
+        super::PARQUET,
         ANNOTATIONS,
         CHECKSUMS,
         COCO,

@@ -13,6 +13,39 @@ use crate::units::{Part, Units};
 /// Name of the manifest in a dataset.
 pub const MANIFEST: &str = "manifest.json";
 
+/// Names of classes, in the order of their numbers.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Labels {
+    /// Expressions.
+    pub expressions: Vec<String>,
+    /// Lightings.
+    pub lights: Vec<String>,
+    /// Kinds of occluders.
+    pub occluders: Vec<String>,
+}
+
+impl Labels {
+    /// The classes of a recipe.
+    pub fn of(recipe: &Recipe) -> Self {
+        let mut labels = Self::default();
+        let add = |list: &mut Vec<String>, name: String| {
+            if !list.contains(&name) {
+                list.push(name);
+            }
+        };
+        for expression in &recipe.expressions {
+            add(&mut labels.expressions, expression.name.clone());
+        }
+        for lighting in &recipe.lightings {
+            add(&mut labels.lights, lighting.name.clone());
+        }
+        for occluder in &recipe.occluders {
+            add(&mut labels.occluders, occluder.kind());
+        }
+        labels
+    }
+}
+
 /// What a dataset is. Holds nothing that differs between two runs of one recipe.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Manifest {
@@ -26,6 +59,9 @@ pub struct Manifest {
     pub formats: Vec<Format>,
     /// Whether a COCO file is written.
     pub coco: bool,
+    /// Names of classes.
+    #[serde(default)]
+    pub labels: Labels,
     /// Number of samples the recipe has.
     pub samples: u64,
     /// Number of samples that are stored together, see [`crate::units::Units`].
@@ -86,6 +122,7 @@ impl Manifest {
             recipe_hash: recipe_hash.to_owned(),
             formats: recipe.formats.clone(),
             coco: recipe.coco,
+            labels: Labels::of(recipe),
             samples,
             samples_per_unit: Units::of(recipe, samples).unit_len(),
             part,

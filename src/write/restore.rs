@@ -16,6 +16,7 @@ use super::coco::COCO;
 use super::folder::{ANNOTATIONS, CHECKSUMS, Folder};
 use super::journal::{FileEntry, Journal};
 use super::manifest::{Failure, Manifest};
+use super::parquet::PARQUET;
 use super::webdataset::WEBDATASET;
 use crate::Error;
 
@@ -80,7 +81,7 @@ fn file_of(root: &Path, line: &str, per_unit: u64) -> Option<(u64, FileEntry)> {
     let (blake3, name) = line.split_once("  ")?;
     let (folder, file) = name.split_once('/')?;
     let number: u64 = file.split_once('.')?.0.parse().ok()?;
-    let unit = if folder == WEBDATASET {
+    let unit = if folder == WEBDATASET || folder == PARQUET {
         number
     } else {
         number / per_unit

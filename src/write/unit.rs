@@ -3,6 +3,7 @@
 use super::folder::Folder;
 use super::journal::{FileEntry, Journal};
 use super::manifest::Failure;
+use super::parquet::ParquetSink;
 use super::sample::EncodedSample;
 use super::webdataset::TarSink;
 use crate::Error;
@@ -38,6 +39,7 @@ impl<'a> UnitWriter<'a> {
                     files: Vec::new(),
                 }),
                 Format::Webdataset => Box::new(TarSink::new(folder, unit)?),
+                Format::Parquet => Box::new(ParquetSink::new(folder, unit)?),
             })
         };
         Ok(Self {

@@ -146,7 +146,7 @@ impl Watch for Counter<'_> {
     reason = "keyword arguments of a Python function"
 )]
 #[pyfunction]
-#[pyo3(signature = (recipe, *, output=None, jobs=None, limit=None, shard=None, overwrite=false, progress=None))]
+#[pyo3(signature = (recipe, *, output=None, jobs=None, limit=None, shard=None, overwrite=false, max_failures=None, report=None, progress=None))]
 pub(crate) fn generate<'py>(
     py: Python<'py>,
     recipe: &Bound<'py, PyAny>,
@@ -155,6 +155,8 @@ pub(crate) fn generate<'py>(
     limit: Option<u64>,
     shard: Option<&str>,
     overwrite: bool,
+    max_failures: Option<u64>,
+    report: Option<PathBuf>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Bound<'py, PyAny>> {
     let recipe = self::recipe(recipe)?;
@@ -164,6 +166,8 @@ pub(crate) fn generate<'py>(
         limit,
         part: shard.map(part).transpose()?,
         overwrite,
+        max_failures,
+        report,
     };
     let (done, total) = (AtomicU64::new(0), AtomicU64::new(0));
     let run = |stop: &AtomicBool| {

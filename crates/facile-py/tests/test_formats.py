@@ -9,7 +9,7 @@ import pytest
 import facile
 
 RECIPE = {
-    "dataset": {"name": "formats", "seed": 5, "formats": ["folder", "webdataset"], "images_per_shard": 3, "coco": True},
+    "dataset": {"name": "formats", "seed": 5, "formats": ["folder", "webdataset", "parquet"], "images_per_shard": 3, "coco": True},
     "image": {"size": [48, 40], "samples": 1, "truth": ["landmarks", "segments", "depth"]},
     "subjects": {"sampled": 2},
     "expression": [{"name": "neutral"}],
@@ -47,6 +47,35 @@ def test_webdataset_reads_images_records_and_maps(folder, records):
         assert np.array_equal(sample["png"], memory[i]["image"])
         # Decoders for images make three channels of one.
         assert np.array_equal(sample["segments.png"][..., 0], memory[i]["segments"])
+
+
+def test_datasets_opens_parquet_with_typed_images_and_labels(folder, records, tmp_path):
+    datasets = pytest.importorskip("datasets")
+    files = [str(path) for path in sorted((folder / "parquet").iterdir())]
+    assert len(files) == 3
+    table = datasets.load_dataset("parquet", data_files=files, split="train", cache_dir=str(tmp_path))
+    features = table.features
+    assert isinstance(features["image"], datasets.Image) and isinstance(features["segments"], datasets.Image)
+    assert features["expression"].names == ["neutral"] and features["light"].names == ["a", "b"]
+    memory = facile.Dataset(RECIPE)
+    assert len(table) == 8
+    for i, row in enumerate(table):
+        assert np.array_equal(np.asarray(row["image"]), memory[i]["image"])
+        assert np.array_equal(np.asarray(row["segments"]), memory[i]["segments"])
+        assert json.loads(row["record"]) == records[i]
+        assert features["light"].int2str(row["light"]) == records[i]["light"]["name"]
+        landmarks = records[i]["landmarks"]["ibug68"]
+        assert row["ibug68_px"] == landmarks["px"] and row["ibug68_mm"] == landmarks["mm"]
+        names = features["ibug68_visibility"].feature.names
+        assert [names[v] for v in row["ibug68_visibility"]] == landmarks["visibility"]
+        assert row["face_box_px"] == records[i]["face_box_px"]
+
+
+def test_arrow_reads_the_tables_as_they_are(folder):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    files = [parquet.ParquetFile(path) for path in sorted((folder / "parquet").iterdir())]
+    assert [file.metadata.num_rows for file in files] == [3, 3, 2]
+    assert [i for file in files for i in file.read(["index"])["index"].to_pylist()] == list(range(8))
 
 
 def test_coco_tools_read_boxes_keypoints_and_masks(folder, records):

@@ -164,14 +164,17 @@ def generate(
     limit: int | None = None,
     shard: str | None = None,
     overwrite: bool = False,
+    max_failures: int | None = None,
+    report: str | PathLike[str] | None = None,
     progress: Callable[[int, int], object] | None = None,
 ) -> dict[str, Any]:
     """Generates a dataset, or what is missing of it.
 
     ``shard="I/N"`` makes only part ``I`` of ``N`` in a folder of its own; :func:`merge` puts parts together.
-    ``progress`` is called with the samples done and their number, a few times a second. Ctrl-C finishes the samples in
+    Once more than ``max_failures`` samples have failed nothing more is begun. ``report`` names an HTML file for times,
+    caches, failures, histograms and pictures. ``progress`` is called with the samples done and their number, a few times a second. Ctrl-C finishes the samples in
     hand and raises ``KeyboardInterrupt``; the next call goes on from there. Returns the counts ``samples``, ``kept``,
-    ``made``, the ``output`` folder and the list of ``failures``.
+    ``made``, the ``output`` folder, the list of ``failures``, and ``effort``: where the time went.
     """
 
 def merge(

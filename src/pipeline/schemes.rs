@@ -1,0 +1,399 @@
+//! Landmark schemes: those the reference head carries, and those that follow from them.
+//!
+//! | scheme | points |
+//! |---|---|
+//! | `five`, `ibug68` | carried by the reference head |
+//! | `ibug51` | `ibug68` without the jaw |
+//! | `wflw98` | the order of WFLW (W. Wu et al. 2018): contour, brows and lids by arc length along the curves through the points of `ibug68`, the lower edge of the brows from their class, pupils from the eyeballs |
+//! | `dense` | every vertex of the reference mesh |
+//!
+//! `ibug68_contour` and `wflw98_contour` place the points of the jaw where annotators of photographs do: where a line
+//! from the ear to the nose turns away from the camera, instead of at the projected jaw.
+
+use std::collections::BTreeSet;
+
+use facile_core::{LandmarkScheme, Mesh, Point3, ReferenceHead, Segment, Subject, SurfacePoint};
+use facile_trace::Camera;
+use facile_trace::head::Gaze;
+
+use super::Face;
+
+/// What follows the name of a scheme whose jaw lies on the contour.
+const CONTOUR: &str = "_contour";
+/// Points of the jaw in `ibug68`.
+const JAW: usize = 17;
+/// Places along each line from ear to nose, and how far towards the nose it goes, as a share of the angle.
+const LINE_STEPS: usize = 16;
+const LINE_END: f64 = 0.35;
+
+/// A landmark of a scheme.
+#[derive(Clone, Debug, PartialEq)]
+enum Mark {
+    /// A point fixed to the surface.
+    Surface(SurfacePoint),
+    /// Where the gaze of the left (0) or right (1) eye leaves the eyeball.
+    Pupil(usize),
+    /// Of these the one that lies furthest out in the image, on the left (1) or right (-1) side of the face.
+    Contour(Vec<SurfacePoint>, f64),
+}
+
+/// A named, ordered list of landmarks.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scheme {
+    /// Its name in recipes and records.
+    pub name: String,
+    marks: Vec<Mark>,
+}
+
+/// A landmark on a face.
+pub(super) struct Placed {
+    /// Place, mm, head frame.
+    pub(super) point: Point3,
+    /// Class of the surface it lies on.
+    pub(super) segment: Segment,
+}
+
+impl Scheme {
+    /// Names of all schemes.
+    pub fn names() -> Vec<String> {
+        let carried = ReferenceHead::embedded()
+            .landmarks
+            .iter()
+            .map(|s| s.name.clone());
+        let derived = [
+            "ibug51",
+            "ibug68_contour",
+            "wflw98",
+            "wflw98_contour",
+            "dense",
+        ];
+        carried.chain(derived.map(str::to_owned)).collect()
+    }
+
+    /// The scheme of a name that [`Self::names`] has; `None` for any other.
+    pub fn named(name: &str) -> Option<Self> {
+        let reference = ReferenceHead::embedded();
+        let base = name.strip_suffix(CONTOUR).unwrap_or(name);
+        let ibug68 = reference.scheme("ibug68").ok()?;
+        let surface = |scheme: &LandmarkScheme, from: usize| {
+            scheme.points[from..]
+                .iter()
+                .map(|p| Mark::Surface(*p))
+                .collect::<Vec<_>>()
+        };
+        let mut marks = match base {
+            "ibug51" => surface(ibug68, JAW),
+            "wflw98" => wflw98(reference, ibug68)?,
+            "dense" => dense(&reference.mesh),
+            _ => surface(reference.scheme(base).ok()?, 0),
+        };
+        if name != base {
+            let jaw = match base {
+                "ibug68" => JAW,
+                "wflw98" => 2 * JAW - 1,
+                _ => return None,
+            };
+            for (i, mark) in marks[..jaw].iter_mut().enumerate() {
+                // The chin's point is on the contour from wherever it is seen.
+                if let Mark::Surface(point) = mark
+                    && i != jaw / 2
+                {
+                    *mark = contour(&reference.mesh, point)?;
+                }
+            }
+        }
+        let name = name.to_owned();
+        Some(Self { name, marks })
+    }
+
+    /// Number of landmarks.
+    pub fn len(&self) -> usize {
+        self.marks.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.marks.is_empty()
+    }
+
+    /// The landmarks of a face as a camera sees it.
+    pub(super) fn place(
+        &self,
+        reference: &ReferenceHead,
+        subject: &Subject,
+        face: &Face,
+        camera: &Camera,
+    ) -> Vec<Placed> {
+        let mesh = &reference.mesh;
+        let on_surface = |point: &SurfacePoint| Placed {
+            point: point.position(&face.positions, &mesh.triangles),
+            segment: mesh.segments[point.triangle as usize],
+        };
+        // To the right in the image of an upright head.
+        let right = camera.camera_from_world().column(0).into_owned();
+        let place = |mark: &Mark| match mark {
+            Mark::Surface(point) => on_surface(point),
+            Mark::Pupil(side) => Placed {
+                point: pupil(subject, *side, &face.gaze[*side]),
+                segment: [Segment::LeftEye, Segment::RightEye][*side],
+            },
+            Mark::Contour(line, side) => {
+                // The subject's left is to the right in a frontal image.
+                let outwards = |point: &SurfacePoint| {
+                    let p = point.position(&face.positions, &mesh.triangles);
+                    let depth = camera.project(&p).map_or(f64::MAX, |(_, z)| z);
+                    let away = (p - camera.position()).dot(&right) / depth;
+                    away * side
+                };
+                let mut best = (&line[0], outwards(&line[0]));
+                for point in &line[1..] {
+                    let out = outwards(point);
+                    // A hair's breadth further does not count: lines run along the contour for a while.
+                    if out > best.1 + 1e-9 {
+                        best = (point, out);
+                    }
+                }
+                on_surface(best.0)
+            }
+        };
+        self.marks.iter().map(place).collect()
+    }
+}
+
+/// Where the gaze leaves an eyeball.
+fn pupil(subject: &Subject, side: usize, gaze: &Gaze) -> Point3 {
+    let eye = &subject.eyes[side];
+    let (yaw_sin, yaw_cos) = libm::sincos(gaze.yaw);
+    let (pitch_sin, pitch_cos) = libm::sincos(gaze.pitch);
+    let sight = facile_core::Vector3::new(pitch_cos * yaw_sin, pitch_sin, pitch_cos * yaw_cos);
+    eye.center + sight * eye.radius
+}
+
+/// One mark for each vertex, as a corner of the first triangle that has it.
+fn dense(mesh: &Mesh) -> Vec<Mark> {
+    let mut corner = vec![None; mesh.positions.len()];
+    for (t, triangle) in mesh.triangles.iter().enumerate() {
+        for (k, v) in triangle.iter().enumerate() {
+            corner[*v as usize].get_or_insert((t, k));
+        }
+    }
+    let mark = |(t, k): (usize, usize)| {
+        let mut barycentric = [0.0; 3];
+        barycentric[k] = 1.0;
+        Mark::Surface(SurfacePoint {
+            triangle: t as u32,
+            barycentric,
+        })
+    };
+    corner.into_iter().flatten().map(mark).collect()
+}
+
+/// The line from a point of the jaw towards the nose, at the same height.
+fn contour(mesh: &Mesh, from: &SurfacePoint) -> Option<Mark> {
+    let start = from.position(&mesh.positions, &mesh.triangles);
+    let phi = libm::atan2(start.x, start.z);
+    let mut line = vec![*from];
+    for step in 1..=LINE_STEPS {
+        let share = 1.0 - (1.0 - LINE_END) * step as f64 / LINE_STEPS as f64;
+        let (sin, cos) = libm::sincos(phi * share);
+        // From far outside straight to the axis: the outermost surface there is the nearest one.
+        let reach = start.x.hypot(start.z);
+        let guess = Point3::new(sin * reach, start.y, cos * reach);
+        line.push(SurfacePoint::nearest(mesh, &guess, |s| {
+            matches!(
+                s,
+                Segment::Skin | Segment::Nose | Segment::UpperLip | Segment::LowerLip
+            )
+        })?);
+    }
+    Some(Mark::Contour(line, start.x.signum()))
+}
+
+/// The 98 points of WFLW, see the [module](self).
+fn wflw98(reference: &ReferenceHead, ibug68: &LandmarkScheme) -> Option<Vec<Mark>> {
+    let mesh = &reference.mesh;
+    let place = |i: usize| ibug68.points[i].position(&mesh.positions, &mesh.triangles);
+    let segment = |i: usize| mesh.segments[ibug68.points[i].triangle as usize];
+    let carried = |i: usize| Mark::Surface(ibug68.points[i]);
+    // The point at a share of the length of the curve through some points, on the classes these lie on.
+    let between = |curve: &[usize], share: f64| {
+        let points: Vec<Point3> = curve.iter().map(|i| place(*i)).collect();
+        let on: Vec<Segment> = curve.iter().map(|i| segment(*i)).collect();
+        let target = along(&points, share);
+        SurfacePoint::nearest(mesh, &target, |s| on.contains(&s)).map(Mark::Surface)
+    };
+    let mut marks = Vec::with_capacity(98);
+    for i in 0..JAW - 1 {
+        marks.push(carried(i));
+        marks.push(between(&[i, i + 1], 0.5)?);
+    }
+    marks.push(carried(JAW - 1));
+    // Brows: five points of the upper edge, then four of the lower one, back from the inner end on the subject's right
+    // and from the outer one but one on the left.
+    let lower = |i: usize, brow: Segment| lower_edge(mesh, &place(i), brow);
+    marks.extend((17..22).map(carried));
+    for i in (18..22).rev() {
+        marks.push(lower(i, Segment::RightBrow)?);
+    }
+    marks.extend((22..27).map(carried));
+    for i in (22..26).rev() {
+        marks.push(lower(i, Segment::LeftBrow)?);
+    }
+    marks.extend((27..36).map(carried));
+    // Eyes: corner, three points of the upper lid, corner, three of the lower one.
+    for first in [36, 42] {
+        let [a, b, c, d, e, f] = std::array::from_fn(|k| first + k);
+        marks.push(carried(a));
+        for quarter in 1..4 {
+            marks.push(between(&[a, b, c, d], 0.25 * f64::from(quarter))?);
+        }
+        marks.push(carried(d));
+        for quarter in 1..4 {
+            marks.push(between(&[d, e, f, a], 0.25 * f64::from(quarter))?);
+        }
+    }
+    marks.extend((48..68).map(carried));
+    marks.extend([Mark::Pupil(1), Mark::Pupil(0)]);
+    Some(marks)
+}
+
+/// The point at a share of a polyline's length.
+fn along(points: &[Point3], share: f64) -> Point3 {
+    let lengths: Vec<f64> = points.windows(2).map(|p| (p[1] - p[0]).norm()).collect();
+    let mut left = share * lengths.iter().sum::<f64>();
+    for (pair, length) in points.windows(2).zip(&lengths) {
+        if left <= *length {
+            return pair[0] + (pair[1] - pair[0]) * (left / length.max(f64::MIN_POSITIVE));
+        }
+        left -= length;
+    }
+    points[points.len() - 1]
+}
+
+/// The point of a brow's lower edge below a point of its upper one.
+fn lower_edge(mesh: &Mesh, upper: &Point3, brow: Segment) -> Option<Mark> {
+    /// Half of the width in which the edge is looked for, mm.
+    const WIDTH: f64 = 4.0;
+    let vertices: BTreeSet<u32> = mesh
+        .triangles
+        .iter()
+        .zip(&mesh.segments)
+        .filter(|(_, segment)| **segment == brow)
+        .flat_map(|(triangle, _)| *triangle)
+        .collect();
+    let below = vertices
+        .iter()
+        .map(|v| mesh.positions[*v as usize])
+        .filter(|p| (p.x - upper.x).abs() < WIDTH)
+        .min_by(|a, b| a.y.total_cmp(&b.y))?;
+    let target = Point3::new(upper.x, below.y.min(upper.y), below.z);
+    let on = |s: Segment| s == brow || s == Segment::Skin;
+    SurfacePoint::nearest(mesh, &target, on).map(Mark::Surface)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn rest(scheme: &Scheme) -> Vec<Point3> {
+        let mesh = &ReferenceHead::embedded().mesh;
+        let place = |mark: &Mark| match mark {
+            Mark::Surface(point) => point.position(&mesh.positions, &mesh.triangles),
+            Mark::Contour(line, _) => line[0].position(&mesh.positions, &mesh.triangles),
+            Mark::Pupil(_) => Point3::origin(),
+        };
+        scheme.marks.iter().map(place).collect()
+    }
+
+    #[test]
+    fn every_scheme_has_its_number_of_points() {
+        let vertices = ReferenceHead::embedded().mesh.positions.len();
+        let expected = [
+            ("ibug68", 68),
+            ("five", 5),
+            ("ibug51", 51),
+            ("ibug68_contour", 68),
+            ("wflw98", 98),
+            ("wflw98_contour", 98),
+            ("dense", vertices),
+        ];
+        for (name, number) in expected {
+            assert!(Scheme::names().contains(&name.to_owned()), "{name}");
+            assert_eq!(Scheme::named(name).map(|s| s.len()), Some(number), "{name}");
+        }
+        for name in ["ibug", "five_contour", "dense_contour", ""] {
+            assert_eq!(Scheme::named(name), None, "{name}");
+        }
+        assert_eq!(Scheme::names().len(), expected.len());
+    }
+
+    #[test]
+    fn wflw_points_are_in_order_and_mirror_each_other() {
+        let points = rest(&Scheme::named("wflw98").expect("there"));
+        // The contour goes from the subject's right ear over the chin to the left one.
+        assert!(points[..33].windows(2).all(|p| p[0].x < p[1].x + 1.0));
+        assert!(points[16].x.abs() < 1.0 && points[16].y < points[0].y - 80.0);
+        // Lower edges of the brows lie below the upper ones, above the eyes.
+        for (upper, lower) in [
+            (37, 38),
+            (36, 39),
+            (35, 40),
+            (34, 41),
+            (45, 47),
+            (44, 48),
+            (43, 49),
+            (42, 50),
+        ] {
+            let (u, l) = (&points[upper], &points[lower]);
+            assert!(
+                (u.x - l.x).abs() < 6.0 && u.y > l.y && l.y > 2.0,
+                "{upper} {u} {lower} {l}"
+            );
+        }
+        // Lids: the upper three above the lower three.
+        for eye in [60, 68] {
+            for k in 1..4 {
+                let (up, low) = (&points[eye + k], &points[eye + 8 - k]);
+                assert!(up.y > low.y && (up.x - low.x).abs() < 4.0, "{up} {low}");
+            }
+        }
+        // The head is symmetric: pairs that mirror each other.
+        let pairs = (0..16).map(|i| (i, 32 - i)).chain([
+            (60, 72),
+            (62, 70),
+            (64, 68),
+            (66, 74),
+            (33, 46),
+            (37, 42),
+            (76, 82),
+            (88, 92),
+        ]);
+        for (a, b) in pairs {
+            let (p, q) = (&points[a], &points[b]);
+            let mirrored = Point3::new(-q.x, q.y, q.z);
+            assert!((p - mirrored).norm() < 2.0, "{a} {p} {b} {q}");
+        }
+    }
+
+    #[test]
+    fn lines_of_the_contour_run_from_the_jaw_towards_the_nose() {
+        let mesh = &ReferenceHead::embedded().mesh;
+        let scheme = Scheme::named("ibug68_contour").expect("there");
+        for (i, mark) in scheme.marks[..JAW].iter().enumerate() {
+            let Mark::Contour(line, side) = mark else {
+                assert_eq!(i, 8, "the chin alone stays");
+                continue;
+            };
+            assert_eq!(*side, if i < 8 { -1.0 } else { 1.0 });
+            let points: Vec<Point3> = line
+                .iter()
+                .map(|p| p.position(&mesh.positions, &mesh.triangles))
+                .collect();
+            let (first, last) = (points[0], points[LINE_STEPS]);
+            assert!(
+                last.x.abs() < first.x.abs() && (last.y - first.y).abs() < 12.0,
+                "{i} {first} {last}"
+            );
+        }
+    }
+}
