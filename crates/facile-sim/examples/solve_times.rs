@@ -1,11 +1,14 @@
 //! Time, iterations and certificate of every built-in expression on the mean head and on sampled identities.
 //!
 //! `cargo run --release --example solve_times -- [--identities N] [--seed S] [--solver KIND] [--compare] [--repeat R]
-//! [--random COUNT] [--moderate] [--muscles FILE] [--expressions FILE] [names]`, names being expressions, `MUSCLE=C` or `jaw=DEGREES`
+//! [--random COUNT] [--nodes DIR] [--moderate] [--muscles FILE] [--expressions FILE] [names]`, names being expressions, `MUSCLE=C` or `jaw=DEGREES`
 //!
-//! `--compare` solves with the default as well and prints the largest distance between nodes.
+//! `--compare` solves with the default as well and prints the largest distance between nodes; `--nodes` writes the nodes
+//! to one file a solve, mm, for comparison with another version of the solver.
 
 use std::error::Error;
+use std::fmt::Write as _;
+use std::path::PathBuf;
 use std::time::Instant;
 
 use facile_core::identity::IdentityModel;
@@ -24,6 +27,7 @@ struct Options {
     compare: bool,
     random: Option<usize>,
     moderate: bool,
+    nodes: Option<PathBuf>,
     params: SolverParams,
     muscles: MuscleSet,
     expressions: ExpressionSet,
@@ -38,6 +42,7 @@ fn options() -> Result<Options, Box<dyn Error>> {
         compare: false,
         random: None,
         moderate: false,
+        nodes: None,
         params: SolverParams::default(),
         muscles: MuscleSet::embedded().clone(),
         expressions: ExpressionSet::embedded().clone(),
@@ -52,6 +57,7 @@ fn options() -> Result<Options, Box<dyn Error>> {
             "--repeat" => o.repeat = value()?.parse()?,
             "--compare" => o.compare = true,
             "--random" => o.random = Some(value()?.parse()?),
+            "--nodes" => o.nodes = Some(value()?.into()),
             "--moderate" => o.moderate = true,
             "--tolerance" => o.params.tolerance = value()?.parse()?,
             "--step" => o.params.continuation_step = value()?.parse()?,
@@ -129,6 +135,16 @@ fn main() -> Result<(), Box<dyn Error>> {
             }
             times.sort_by(f64::total_cmp);
             let time = times.get(times.len() / 2).copied().unwrap_or(0.0);
+            if let (Some(dir), Ok(face)) = (&o.nodes, &result) {
+                let mut text = String::new();
+                for p in &face.nodes {
+                    writeln!(text, "{:e} {:e} {:e}", p.x, p.y, p.z)?;
+                }
+                std::fs::write(
+                    dir.join(format!("{}-{name}.txt", subject.id.replace('/', "-"))),
+                    text,
+                )?;
+            }
             let text = match result {
                 Err(e) => {
                     failed += 1;

@@ -216,6 +216,22 @@ impl PosedContacts<'_> {
         }
     }
 
+    /// Adds the nodes that would come to rest if each moved alone: those that are pushed in by more than their own
+    /// `stiffness` takes up over the gap. Writes their normals.
+    pub(crate) fn landing(&self, x: &[V3], gradient: &[V3], stiffness: &[f64], normals: &mut [V3]) {
+        for c in 0..self.len() {
+            let node = self.node(c);
+            if normals[node] != [0.0; 3] || stiffness[node] <= 0.0 {
+                continue;
+            }
+            let gap = self.gap(c, x);
+            let push = dot(gradient[node], gap.gradient);
+            if push > 0.0 && gap.value * stiffness[node] < push {
+                normals[node] = unit(gap.gradient);
+            }
+        }
+    }
+
     /// Puts nodes onto skull and eyeballs: those that rest there already, and those that are below.
     pub(crate) fn settle(&self, x: &mut [V3], normals: &[V3], clearance: &mut Clearance) {
         clearance.0.resize(self.len(), ([0.0; 3], 0.0));

@@ -1,22 +1,18 @@
-//! The preconditioner: the Hessian's diagonal blocks in cylindrical coordinates, three sparse factors at once.
+//! The preconditioner: the Hessian in blocks of three coordinates, made positive, and its factor.
 //!
-//! A layer of springs is stiff along itself and soft across, and contact is stiff across alone. A scalar matrix, one for
-//! all coordinates as in Projective Dynamics, knows only one stiffness and needs three times the iterations. Here each
-//! node has a frame (around, up, outwards; outwards along the normal of the skull where it has contact), that turns so
-//! little from node to node that translations stay free; in it the blocks between different coordinates are left out. The transverse stiffness of
-//! compressed springs is clamped to zero, so that the matrices are positive definite.
+//! What could make the matrix indefinite is left out: the sideways push of compressed springs and the bending of prisms
+//! under pressure. Nodes that rest on a surface move along it alone: their normals are taken out of the system. Factors
+//! of the three coordinates one by one cost a fifth, but need five times the iterations: at the nose and below the
+//! chin the skin is not across the radius, and one stiffness couples all three.
 //! Source of the method: Liu et al., Quasi-Newton methods for real-time simulation of hyperelastic materials, 2017.
 
 use crate::SimError;
 use crate::elements::Volume;
 use crate::load::Load;
-use crate::simd::{LANES, Lanes, lanes};
-use crate::sparse::{Factor, Pattern};
+use crate::simd::LANES;
+use crate::sparse::{BlockFactor, Pattern};
 use crate::springs::ends;
-use crate::vector::{M3, V3, ZERO, cross, dot, norm, rotate, rotate_back, sub, unit};
-
-/// Stiffness that keeps a node on the surface it rests on.
-const HELD: f64 = 1e6;
+use crate::vector::{M3, V3, ZERO, add_scaled, dot, norm, rotate, rotate_back, sub};
 
 /// Rows of the nodes that the solver moves, and where prisms add to the matrix.
 #[derive(Debug)]
@@ -98,73 +94,80 @@ fn pairs_of<T: Copy>(p: &[T; 6]) -> [[T; 2]; 15] {
 /// The factored matrix with its work space.
 #[derive(Debug)]
 pub(crate) struct Preconditioner {
-    factor: Factor<[f32; LANES]>,
-    matrix: Vec<Lanes>,
-    diagonal: Vec<Lanes>,
-    sides: Vec<Lanes>,
-    frames: Vec<M3>,
-    /// For nodes that rested when the matrix was factored, one over the stiffness they would have had, else 0.
-    held: Vec<f64>,
+    factor: BlockFactor,
+    /// Blocks by slot: rows of the larger node, columns of the smaller. One more takes what belongs to nodes that do not move.
+    matrix: Vec<M3>,
+    sides: Vec<f32>,
+    /// Mean stiffness of each moving node against motion on its own, 0 for the others.
+    pub(crate) own: Vec<f64>,
 }
 
 impl Preconditioner {
     pub(crate) fn new(system: &SystemPattern) -> Self {
         Self {
-            factor: Factor::new(&system.pattern),
-            matrix: vec![[0.0; LANES]; system.entries + 1],
-            diagonal: vec![[0.0; LANES]; system.diagonal.len()],
-            sides: vec![[0.0; LANES]; system.nodes.len()],
-            frames: Vec::new(),
-            held: vec![0.0; system.diagonal.len()],
+            factor: BlockFactor::new(&system.pattern),
+            matrix: vec![[ZERO; 3]; system.entries + 1],
+            sides: vec![0.0; 3 * system.nodes.len()],
+            own: vec![0.0; system.diagonal.len()],
         }
     }
 
-    /// Assembles and factors the matrix at `x`. `normals`: of nodes that rest on a surface and stay on it, else zero.
-    pub(crate) fn factor(
-        &mut self,
-        load: &Load<'_>,
-        x: &[V3],
-        normals: &[V3],
-    ) -> Result<(), SimError> {
-        let model = load.model;
-        let system = &model.template.pattern;
-        self.frames.clear();
-        self.frames.extend(model.rest.iter().map(frame));
-        let n = load.attachment.len();
-        for c in 0..load.contacts.len() {
-            let node = load.contacts.node(c);
-            let normal = load.contacts.gap(c, x).gradient;
-            self.frames[node] = around(unit(normal));
-            // The skin above turns along: the layers hang together.
-            if node >= n {
-                self.frames[node - n] = self.frames[node];
-            }
-        }
-        self.matrix.fill([0.0; LANES]);
-        self.diagonal.fill([0.0; LANES]);
+    /// Assembles the matrix at `x`.
+    pub(crate) fn assemble(&mut self, load: &Load<'_>, x: &[V3]) {
+        let system = &load.model.template.pattern;
+        self.matrix.fill([ZERO; 3]);
         self.add_springs(load, x);
         self.add_prisms(load, x);
         load.contacts.lip_stiffness(x, |node, k| {
-            add_to(&mut self.diagonal[node as usize], [k; 3]);
+            let block = &mut self.matrix[system.diagonal[node as usize] as usize];
+            add_diagonal(block, k);
         });
-        for (i, normal) in normals.iter().enumerate() {
-            let diagonal = &mut self.diagonal[i];
-            self.held[i] = 0.0;
-            if *normal != ZERO {
-                self.held[i] = 1.0 / diagonal[2];
-                diagonal[2] += HELD;
-            }
+        for (i, &slot) in system.diagonal.iter().enumerate() {
+            let block = &self.matrix[slot as usize];
+            self.own[i] = if (slot as usize) < system.entries {
+                (block[0][0] + block[1][1] + block[2][2]) / 3.0
+            } else {
+                0.0
+            };
         }
-        for (&slot, value) in system.diagonal.iter().zip(&self.diagonal) {
-            let entry = &mut self.matrix[slot as usize];
-            *entry = lanes(|l| entry[l] + value[l]);
-            entry[3] = 1.0;
-        }
+    }
+
+    /// Factors the matrix, once after it was assembled. `normals`: of nodes that rest on a surface and stay on it, else
+    /// zero.
+    pub(crate) fn factor(
+        &mut self,
+        system: &SystemPattern,
+        normals: &[V3],
+    ) -> Result<(), SimError> {
+        self.hold(system, normals);
         self.factor.refactor(
             &system.pattern,
             "equilibrium",
             &self.matrix[..system.entries],
         )
+    }
+
+    /// Takes the motion of resting nodes along their normals out of the system: each is left with its own stiffness.
+    fn hold(&mut self, system: &SystemPattern, normals: &[V3]) {
+        for ([a, b], block) in system.pattern.pairs().zip(&mut self.matrix) {
+            let m = normals[system.nodes[a as usize] as usize];
+            let n = normals[system.nodes[b as usize] as usize];
+            if a == b {
+                if n != ZERO {
+                    let own = dot(n, rotate(block, n));
+                    cut_rows(block, n);
+                    cut_columns(block, n);
+                    add_outer(block, n, n, own);
+                }
+                continue;
+            }
+            if n != ZERO {
+                cut_rows(block, n);
+            }
+            if m != ZERO {
+                cut_columns(block, m);
+            }
+        }
     }
 
     /// Springs along edges, of columns, and to the skull.
@@ -173,17 +176,19 @@ impl Preconditioner {
         let system = &model.template.pattern;
         let n = load.attachment.len();
         let mut add = |[a, b]: [u32; 2], slot: u32, k: f64, rest: f64| {
-            let (a, b) = (a as usize, b as usize);
-            let d = sub(x[a], x[b]);
+            let d = sub(x[a as usize], x[b as usize]);
             let length = norm(d).max(1e-9);
             let across = k * (1.0 - rest / length).max(0.0);
-            // Both frames are upright and nearly the same: the first one serves.
-            let u = rotate(&self.frames[a], d);
             let along = (k - across) / (length * length);
-            let block = u.map(|v| along * v * v + across);
-            add_to(&mut self.diagonal[a], block);
-            add_to(&mut self.diagonal[b], block);
-            add_to(&mut self.matrix[slot as usize], block.map(|v| -v));
+            for (slot, sign) in [
+                (system.diagonal[a as usize], 1.0),
+                (system.diagonal[b as usize], 1.0),
+                (slot, -1.0),
+            ] {
+                let block = &mut self.matrix[slot as usize];
+                add_outer(block, d, d, sign * along);
+                add_diagonal(block, sign * across);
+            }
         };
         let edges = model.template.edges.iter().zip(&system.edges);
         for (e, (edge, slots)) in edges.enumerate() {
@@ -202,64 +207,84 @@ impl Preconditioner {
             );
         }
         for (i, &hold) in load.attachment.iter().enumerate() {
-            add_to(&mut self.diagonal[n + i], [hold; 3]);
+            let slot = system.diagonal[n + i];
+            add_diagonal(&mut self.matrix[slot as usize], hold);
         }
     }
 
     fn add_prisms(&mut self, load: &Load<'_>, x: &[V3]) {
         let model = load.model;
+        let system = &model.template.pattern;
         let elements = &model.elements;
         let ks = elements.shape_stiffness;
-        for (e, slots) in model.template.pattern.elements.iter().enumerate() {
+        for (e, slots) in system.elements.iter().enumerate() {
             let nodes = &elements.nodes[e];
             let volume = Volume::of(&nodes.map(|i| x[i as usize]));
             let kappa = elements.groups[e / LANES].stiffening(e % LANES, volume.value);
-            let mut slopes = volume.gradient();
-            for (&node, s) in nodes.iter().zip(&mut slopes) {
-                *s = rotate(&self.frames[node as usize], *s);
-                let own = s.map(|v| ks * (5.0 / 6.0) + kappa * v * v);
-                add_to(&mut self.diagonal[node as usize], own);
+            let slopes = volume.gradient();
+            for (&node, s) in nodes.iter().zip(&slopes) {
+                let block = &mut self.matrix[system.diagonal[node as usize] as usize];
+                add_outer(block, *s, *s, kappa);
+                add_diagonal(block, ks * (5.0 / 6.0));
             }
-            for (&slot, [a, b]) in slots.iter().zip(&pairs_of(&slopes)) {
-                let pair = [0, 1, 2].map(|c| kappa * a[c] * b[c] - ks / 6.0);
-                add_to(&mut self.matrix[slot as usize], pair);
+            let pairs = pairs_of(nodes).into_iter().zip(pairs_of(&slopes));
+            for (&slot, ([i, j], [s, t])) in slots.iter().zip(pairs) {
+                let block = &mut self.matrix[slot as usize];
+                let (s, t) = if i > j { (s, t) } else { (t, s) };
+                add_outer(block, s, t, kappa);
+                add_diagonal(block, -ks / 6.0);
             }
         }
     }
 
     /// `out = -P^-1 gradient` on moving nodes, zero elsewhere.
     pub(crate) fn descend(&mut self, system: &SystemPattern, gradient: &[V3], out: &mut [V3]) {
+        let largest = system
+            .nodes
+            .iter()
+            .flat_map(|&i| gradient[i as usize])
+            .fold(1e-300, |m: f64, g| m.max(g.abs()));
         let order = system.pattern.order();
         for (&row, &node) in order.iter().zip(&system.nodes) {
-            let [a, b, c] = rotate(&self.frames[node as usize], gradient[node as usize]);
-            self.sides[row as usize] = [-a, -b, -c, 0.0];
+            let side = &mut self.sides[3 * row as usize..][..3];
+            for (s, g) in side.iter_mut().zip(gradient[node as usize]) {
+                *s = (-g / largest) as f32;
+            }
         }
-        self.factor.solve_ordered(&system.pattern, &mut self.sides);
+        self.factor.solve(&system.pattern, &mut self.sides);
         out.fill(ZERO);
         for (&row, &node) in order.iter().zip(&system.nodes) {
-            let [a, b, c, _] = self.sides[row as usize];
-            let (frame, node) = (&self.frames[node as usize], node as usize);
-            // A node that was let go since is moved by its own stiffness alone.
-            let free = c - self.held[node] * dot(frame[2], gradient[node]);
-            out[node] = rotate_back(frame, [a, b, free]);
+            let side = &self.sides[3 * row as usize..][..3];
+            for (o, s) in out[node as usize].iter_mut().zip(side) {
+                *o = f64::from(*s) * largest;
+            }
         }
     }
 }
 
-/// Rows: around the axis, up, outwards.
-fn frame(p: &V3) -> M3 {
-    around(unit([p[0], 0.0, p[2]]))
-}
-
-/// An upright frame whose last row is `out`.
-fn around(out: V3) -> M3 {
-    let side = unit([out[2], 0.0, -out[0]]);
-    [side, cross(out, side), out]
+/// `m += k a b^T`.
+#[inline(always)]
+fn add_outer(m: &mut M3, a: V3, b: V3, k: f64) {
+    for (row, a) in m.iter_mut().zip(a) {
+        *row = add_scaled(*row, b, k * a);
+    }
 }
 
 #[inline(always)]
-fn add_to(a: &mut Lanes, b: V3) {
-    a[0] += b[0];
-    a[1] += b[1];
-    a[2] += b[2];
+fn add_diagonal(m: &mut M3, k: f64) {
+    m[0][0] += k;
+    m[1][1] += k;
+    m[2][2] += k;
+}
+
+/// `m = (I - n n^T) m`.
+fn cut_rows(m: &mut M3, n: V3) {
+    let along = rotate_back(m, n);
+    add_outer(m, n, along, -1.0);
+}
+
+/// `m = m (I - n n^T)`.
+fn cut_columns(m: &mut M3, n: V3) {
+    let along = rotate(m, n);
+    add_outer(m, along, n, -1.0);
 }

@@ -15,9 +15,9 @@ use crate::pose::Pose;
 use crate::vector::{V3, add, add_scaled, dot, norm, sub};
 
 /// Iterations after which the matrix is made anew.
-const REFACTOR_AFTER: usize = 40;
+const REFACTOR_AFTER: usize = 10;
 /// How much looser than the last step the others are solved.
-const PATH_LOOSENESS: f64 = 500.0;
+const PATH_LOOSENESS: f64 = 50_000.0;
 
 /// A walk along the path of a pose, from neutral to full intensity and beyond.
 pub(crate) struct Walk<'a> {
@@ -202,11 +202,16 @@ impl Stage<'_, '_> {
             if iterations >= self.budget {
                 break (false, residual);
             }
-            if since >= REFACTOR_AFTER {
-                problem
-                    .preconditioner
-                    .factor(self.load, x, &problem.normals)?;
+            let fresh = since >= REFACTOR_AFTER;
+            if fresh {
+                problem.preconditioner.assemble(self.load, x);
                 since = 0;
+            }
+            let own = &problem.preconditioner.own;
+            contacts.landing(x, &gradient, own, &mut problem.normals);
+            if fresh {
+                let system = &self.load.model.template.pattern;
+                problem.preconditioner.factor(system, &problem.normals)?;
             }
             let normals = problem.normals.clone();
             let step = self

@@ -4,6 +4,7 @@
 //! Cholesky factorisation, because faer's kernels use fused operations where the processor has them and so give other
 //! bits on other machines; read next `factor`.
 
+mod block;
 mod factor;
 
 use faer::Side;
@@ -14,6 +15,7 @@ use faer::sparse::linalg::cholesky::{
 };
 
 use crate::SimError;
+pub(crate) use block::BlockFactor;
 pub(crate) use factor::Factor;
 
 /// The lower triangle of a symmetric matrix, by columns, and the structure of its factor.
@@ -60,6 +62,15 @@ struct Update {
     to: u32,
 }
 
+/// Place of an entry in the factor: column and row within a supernode; turned if the elimination exchanges row and column.
+#[derive(Clone, Copy, Debug)]
+struct Site {
+    supernode: usize,
+    column: usize,
+    row: usize,
+    is_turned: bool,
+}
+
 impl Pattern {
     /// The pattern of an `n` x `n` matrix with these entries besides its diagonal; order and side do not matter.
     pub(crate) fn new(
@@ -94,7 +105,7 @@ impl Pattern {
         };
         if n > 0 {
             pattern.analyse(what)?;
-            pattern.place(&entries);
+            pattern.place();
         }
         Ok(pattern)
     }
@@ -167,28 +178,53 @@ impl Pattern {
         }
     }
 
-    fn place(&mut self, entries: &[(u32, u32)]) {
-        let n = self.size();
-        let mut owner = vec![0usize; n];
+    fn place(&mut self) {
+        let sites = self.sites();
+        self.places = sites
+            .iter()
+            .map(|site| {
+                let block = &self.supernodes[site.supernode];
+                block.values + (site.column * block.height() + site.row) as u32
+            })
+            .collect();
+    }
+
+    /// Where each entry of the matrix is in the factor, slot by slot.
+    fn sites(&self) -> Vec<Site> {
+        let mut owner = vec![0usize; self.size()];
         for (s, block) in self.supernodes.iter().enumerate() {
             owner[block.start as usize..(block.start + block.width) as usize].fill(s);
         }
-        self.places = entries
-            .iter()
-            .map(|&(a, b)| {
-                let (p, q) = (self.order[a as usize], self.order[b as usize]);
+        let mut sites = Vec::with_capacity(self.entries());
+        for (a, slots) in self.starts.windows(2).enumerate() {
+            for &b in &self.rows[slots[0] as usize..slots[1] as usize] {
+                let (p, q) = (self.order[a], self.order[b as usize]);
                 let (column, row) = (p.min(q), p.max(q));
-                let block = &self.supernodes[owner[column as usize]];
-                let local = if row < block.start + block.width {
+                let supernode = owner[column as usize];
+                let block = &self.supernodes[supernode];
+                let row = if row < block.start + block.width {
                     row - block.start
                 } else {
                     let rows = &self.below[block.below.0 as usize..block.below.1 as usize];
-                    let at = rows.binary_search(&row).expect("a row of the factor");
-                    block.width + at as u32
+                    block.width + rows.binary_search(&row).expect("a row of the factor") as u32
                 };
-                block.values + (column - block.start) * block.height() as u32 + local
-            })
-            .collect();
+                sites.push(Site {
+                    supernode,
+                    column: (column - block.start) as usize,
+                    row: row as usize,
+                    is_turned: q < p,
+                });
+            }
+        }
+        sites
+    }
+
+    /// Column and row of each slot, the larger one second.
+    pub(crate) fn pairs(&self) -> impl Iterator<Item = [u32; 2]> {
+        self.starts.windows(2).enumerate().flat_map(|(a, slots)| {
+            let rows = &self.rows[slots[0] as usize..slots[1] as usize];
+            rows.iter().map(move |&b| [a as u32, b])
+        })
     }
 
     /// Row of the factor of each row of the matrix.

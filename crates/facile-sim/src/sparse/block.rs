@@ -1,0 +1,413 @@
+//! One factor for all three coordinates together: supernodal Cholesky of a matrix of 3x3 blocks, in `f32`.
+//!
+//! The blocks share the pattern of a scalar matrix, so that the symbolic analysis is that of a third of the rows.
+//! Columns of a supernode are padded to whole tiles: the kernels know no remainders.
+//! Source: Chen et al., Algorithm 887: CHOLMOD, 2008.
+
+use super::{Pattern, Update};
+use crate::SimError;
+use crate::simd::{Kernel, dispatch};
+use crate::vector::M3;
+
+/// Rows and most columns of a tile: twelve registers of eight numbers.
+const ROWS: usize = 16;
+const COLUMNS: usize = 6;
+/// Numbers that are multiplied at once.
+const WIDE: usize = 8;
+
+/// Where a block of the matrix goes: its first number, the distance of its columns, and whether it is transposed.
+#[derive(Clone, Copy, Debug)]
+struct Place {
+    at: u32,
+    leading: u32,
+    is_turned: bool,
+}
+
+/// A supernode's numbers: the first, and the distance of the columns.
+#[derive(Clone, Copy, Debug)]
+struct Panel {
+    at: usize,
+    leading: usize,
+}
+
+/// Rows that follow each other in two panels.
+#[derive(Clone, Copy, Debug)]
+struct Run {
+    from: u32,
+    to: u32,
+    length: u32,
+}
+
+/// The numeric factor of a symmetric positive definite matrix of 3x3 blocks.
+#[derive(Debug)]
+pub(crate) struct BlockFactor {
+    values: Vec<f32>,
+    panels: Vec<Panel>,
+    places: Vec<Place>,
+    strip: Vec<f32>,
+    local: Vec<u32>,
+    runs: Vec<Run>,
+    work: Vec<f32>,
+    /// Smallest pivot.
+    pub(crate) smallest: f32,
+}
+
+impl BlockFactor {
+    /// Work space for a pattern.
+    pub(crate) fn new(pattern: &Pattern) -> Self {
+        let mut at = 0;
+        let mut tallest = 0;
+        let mut panels = Vec::with_capacity(pattern.supernodes.len());
+        for block in &pattern.supernodes {
+            let leading = (3 * block.height()).next_multiple_of(ROWS);
+            panels.push(Panel { at, leading });
+            at += leading * 3 * block.width as usize;
+            tallest = tallest.max(leading);
+        }
+        let places = pattern
+            .sites()
+            .iter()
+            .map(|site| {
+                let panel = &panels[site.supernode];
+                Place {
+                    at: (panel.at + 3 * site.column * panel.leading + 3 * site.row) as u32,
+                    leading: panel.leading as u32,
+                    is_turned: site.is_turned,
+                }
+            })
+            .collect();
+        Self {
+            values: vec![0.0; at],
+            panels,
+            places,
+            strip: vec![0.0; COLUMNS * tallest],
+            local: vec![0; pattern.size()],
+            runs: Vec::new(),
+            work: vec![0.0; tallest],
+            smallest: 0.0,
+        }
+    }
+
+    /// Factors the matrix with these blocks, one per slot of the pattern: rows of the larger index, columns of the smaller.
+    pub(crate) fn refactor(
+        &mut self,
+        pattern: &Pattern,
+        what: &'static str,
+        blocks: &[M3],
+    ) -> Result<(), SimError> {
+        self.values.fill(0.0);
+        for (place, block) in self.places.iter().zip(blocks) {
+            for column in 0..3 {
+                let start = place.at as usize + column * place.leading as usize;
+                for row in 0..3 {
+                    let value = if place.is_turned {
+                        block[column][row]
+                    } else {
+                        block[row][column]
+                    };
+                    self.values[start + row] = value as f32;
+                }
+            }
+        }
+        dispatch(Numeric {
+            pattern,
+            factor: self,
+        })
+        .map_err(|row| SimError::Singular { what, row })
+    }
+
+    /// Replaces a right-hand side, three numbers for each row in the pattern's order, by the solution.
+    pub(crate) fn solve(&mut self, pattern: &Pattern, side: &mut [f32]) {
+        dispatch(Solve {
+            pattern,
+            panels: &self.panels,
+            values: &self.values,
+            work: &mut self.work,
+            y: side,
+        });
+    }
+}
+
+/// The factorisation; on failure the row of the bad pivot.
+struct Numeric<'a> {
+    pattern: &'a Pattern,
+    factor: &'a mut BlockFactor,
+}
+
+impl Kernel for Numeric<'_> {
+    type Output = Result<(), usize>;
+
+    #[inline(always)]
+    fn run(self) -> Result<(), usize> {
+        let (pattern, factor) = (self.pattern, self.factor);
+        factor.smallest = f32::INFINITY;
+        for (block, &panel) in pattern.supernodes.iter().zip(&factor.panels) {
+            let (height, width) = (3 * block.height(), 3 * block.width as usize);
+            for j in 0..block.width {
+                factor.local[(block.start + j) as usize] = j;
+            }
+            let below = &pattern.below[block.below.0 as usize..block.below.1 as usize];
+            for (&row, local) in below.iter().zip(block.width..) {
+                factor.local[row as usize] = local;
+            }
+            // Earlier panels are all in front of this one.
+            let (before, own) = factor.values.split_at_mut(panel.at);
+            let own = &mut own[..panel.leading * width];
+            for update in &pattern.updates[block.updates.0 as usize..block.updates.1 as usize] {
+                let source = &pattern.supernodes[update.source as usize];
+                let from = factor.panels[update.source as usize];
+                let wide = 3 * source.width as usize;
+                subtract(
+                    (own, panel.leading, block.start),
+                    (
+                        &before[from.at..from.at + from.leading * wide],
+                        from.leading,
+                        wide,
+                    ),
+                    &pattern.below[source.below.0 as usize..source.below.1 as usize],
+                    *update,
+                    (&factor.local, &mut factor.strip, &mut factor.runs),
+                );
+            }
+            let smallest = dense(own, panel.leading, width, height)
+                .map_err(|j| block.start as usize + j / 3)?;
+            factor.smallest = factor.smallest.min(smallest);
+        }
+        Ok(())
+    }
+}
+
+/// Products of `ROWS` rows of a panel with `C` of its rows, over all its columns.
+#[inline(always)]
+fn tile<const C: usize>(
+    panel: &[f32],
+    leading: usize,
+    row: usize,
+    with: usize,
+) -> [[f32; ROWS]; C] {
+    let mut sums = [[0.0; ROWS]; C];
+    for column in panel.chunks_exact(leading) {
+        let (rows, factors) = (&column[row..row + ROWS], &column[with..with + C]);
+        for (sum, f) in sums.iter_mut().zip(factors) {
+            for l in 0..ROWS {
+                sum[l] += rows[l] * f;
+            }
+        }
+    }
+    sums
+}
+
+/// Subtracts what an earlier supernode contributes to a panel.
+#[inline(always)]
+fn subtract(
+    (own, leading, start): (&mut [f32], usize, u32),
+    (source, tall, wide): (&[f32], usize, usize),
+    rows: &[u32],
+    update: Update,
+    (local, strip, runs): (&[u32], &mut [f32], &mut Vec<Run>),
+) {
+    let (from, to) = (update.from as usize, update.to as usize);
+    runs.clear();
+    for (k, &row) in rows.iter().enumerate().skip(from) {
+        let to = 3 * local[row as usize];
+        match runs.last_mut() {
+            Some(run) if run.to + run.length == to => run.length += 3,
+            _ => runs.push(Run {
+                from: 3 * k as u32,
+                to,
+                length: 3,
+            }),
+        }
+    }
+    let mut c = from;
+    while c < to {
+        // Two block columns at a time.
+        let columns = if c + 2 <= to { 6 } else { 3 };
+        let first = wide + 3 * c;
+        let mut row = first / ROWS * ROWS;
+        while row < wide + 3 * rows.len() {
+            if columns == 6 {
+                let sums = tile::<6>(source, tall, row, first);
+                for (k, sum) in sums.iter().enumerate() {
+                    strip[k * tall + row..][..ROWS].copy_from_slice(sum);
+                }
+            } else {
+                let sums = tile::<3>(source, tall, row, first);
+                for (k, sum) in sums.iter().enumerate() {
+                    strip[k * tall + row..][..ROWS].copy_from_slice(sum);
+                }
+            }
+            row += ROWS;
+        }
+        for k in 0..columns {
+            let target = 3 * (rows[c + k / 3] - start) as usize + k % 3;
+            let target = &mut own[target * leading..][..leading];
+            let sums = &strip[k * tall + wide..];
+            for run in &*runs {
+                let t = &mut target[run.to as usize..][..run.length as usize];
+                let sums = &sums[run.from as usize..][..run.length as usize];
+                for (t, s) in t.iter_mut().zip(sums) {
+                    *t -= s;
+                }
+            }
+        }
+        c += columns / 3;
+    }
+}
+
+/// Factors a panel; the diagonal becomes one over its root. Returns the smallest pivot, or the place of a bad one.
+#[inline(always)]
+fn dense(own: &mut [f32], leading: usize, width: usize, height: usize) -> Result<f32, usize> {
+    let mut smallest = f32::INFINITY;
+    let mut j = 0;
+    while j < width {
+        let columns = if j + 6 <= width { 6 } else { 3 };
+        let (done, rest) = own.split_at_mut(j * leading);
+        let mut row = j / ROWS * ROWS;
+        while row < height && j > 0 {
+            if columns == 6 {
+                take(rest, leading, row, &tile::<6>(done, leading, row, j));
+            } else {
+                take(rest, leading, row, &tile::<3>(done, leading, row, j));
+            }
+            row += ROWS;
+        }
+        for c in 0..columns {
+            let (left, own) = rest.split_at_mut(c * leading);
+            let own = &mut own[j + c..height];
+            for left in left.chunks_exact(leading) {
+                let left = &left[j + c..height];
+                let a = left[0];
+                for (o, l) in own.iter_mut().zip(left) {
+                    *o -= a * l;
+                }
+            }
+            let pivot = own[0];
+            if !(pivot > 0.0 && pivot.is_finite()) {
+                return Err(j + c);
+            }
+            smallest = smallest.min(pivot);
+            let inverse = 1.0 / pivot.sqrt();
+            own[0] = inverse;
+            for o in &mut own[1..] {
+                *o *= inverse;
+            }
+        }
+        j += columns;
+    }
+    Ok(smallest)
+}
+
+#[inline(always)]
+fn take<const C: usize>(rest: &mut [f32], leading: usize, row: usize, sums: &[[f32; ROWS]; C]) {
+    for (k, sum) in sums.iter().enumerate() {
+        let target = &mut rest[k * leading + row..][..ROWS];
+        for l in 0..ROWS {
+            target[l] -= sum[l];
+        }
+    }
+}
+
+/// Forward and backward substitution.
+struct Solve<'a> {
+    pattern: &'a Pattern,
+    panels: &'a [Panel],
+    values: &'a [f32],
+    work: &'a mut [f32],
+    y: &'a mut [f32],
+}
+
+impl Kernel for Solve<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self {
+            pattern,
+            panels,
+            values,
+            work,
+            y,
+        } = self;
+        for (block, panel) in pattern.supernodes.iter().zip(panels) {
+            let (width, leading) = (3 * block.width as usize, panel.leading);
+            let height = 3 * block.height();
+            let values = &values[panel.at..panel.at + leading * width];
+            let own = &mut y[3 * block.start as usize..][..width];
+            let work = &mut work[..height];
+            work[..width].copy_from_slice(own);
+            work[width..].fill(0.0);
+            for (k, columns) in values.chunks_exact(3 * leading).enumerate() {
+                let k = 3 * k;
+                let (p, rest) = columns.split_at(leading);
+                let (q, r) = rest.split_at(leading);
+                let a = work[k] * p[k];
+                let b = (work[k + 1] - a * p[k + 1]) * q[k + 1];
+                let c = (work[k + 2] - a * p[k + 2] - b * q[k + 2]) * r[k + 2];
+                (work[k], work[k + 1], work[k + 2]) = (a, b, c);
+                let (p, q, r) = (&p[k + 3..height], &q[k + 3..height], &r[k + 3..height]);
+                for (((w, p), q), r) in work[k + 3..].iter_mut().zip(p).zip(q).zip(r) {
+                    *w -= a * p + b * q + c * r;
+                }
+            }
+            own.copy_from_slice(&work[..width]);
+            let rows = &pattern.below[block.below.0 as usize..block.below.1 as usize];
+            for (&row, w) in rows.iter().zip(work[width..].as_chunks::<3>().0) {
+                let t = &mut y[3 * row as usize..][..3];
+                t[0] += w[0];
+                t[1] += w[1];
+                t[2] += w[2];
+            }
+        }
+        for (block, panel) in pattern.supernodes.iter().zip(panels).rev() {
+            let (width, leading) = (3 * block.width as usize, panel.leading);
+            let height = 3 * block.height();
+            let values = &values[panel.at..panel.at + leading * width];
+            let work = &mut work[..height];
+            let rows = &pattern.below[block.below.0 as usize..block.below.1 as usize];
+            for (&row, w) in rows.iter().zip(work[width..].as_chunks_mut::<3>().0) {
+                w.copy_from_slice(&y[3 * row as usize..][..3]);
+            }
+            let own = &mut y[3 * block.start as usize..][..width];
+            work[..width].copy_from_slice(own);
+            for (k, columns) in values.chunks_exact(3 * leading).enumerate().rev() {
+                let k = 3 * k;
+                let (p, rest) = columns.split_at(leading);
+                let (q, r) = rest.split_at(leading);
+                let [a, b, c] = three_inner(
+                    [&p[k + 3..height], &q[k + 3..height], &r[k + 3..height]],
+                    &work[k + 3..],
+                );
+                let z = (work[k + 2] - c) * r[k + 2];
+                let y = (work[k + 1] - b - q[k + 2] * z) * q[k + 1];
+                let x = (work[k] - a - p[k + 1] * y - p[k + 2] * z) * p[k];
+                (work[k], work[k + 1], work[k + 2]) = (x, y, z);
+            }
+            own.copy_from_slice(&work[..width]);
+        }
+    }
+}
+
+/// Inner products of three columns with a vector, in a fixed order.
+#[inline(always)]
+fn three_inner(columns: [&[f32]; 3], w: &[f32]) -> [f32; 3] {
+    let mut sums = [[0.0f32; WIDE]; 3];
+    let (blocks, rest) = w.as_chunks::<WIDE>();
+    for (c, sum) in columns.iter().zip(&mut sums) {
+        for (p, w) in c.as_chunks::<WIDE>().0.iter().zip(blocks) {
+            for l in 0..WIDE {
+                sum[l] += p[l] * w[l];
+            }
+        }
+    }
+    let mut out = [0.0; 3];
+    for ((c, s), out) in columns.iter().zip(&sums).zip(&mut out) {
+        let tail: f32 = c[WIDE * blocks.len()..]
+            .iter()
+            .zip(rest)
+            .map(|(p, w)| p * w)
+            .sum();
+        *out = ((s[0] + s[1]) + (s[2] + s[3])) + ((s[4] + s[5]) + (s[6] + s[7])) + tail;
+    }
+    out
+}
