@@ -1,8 +1,14 @@
-//! One column of a Parquet file: its place in the schema, its values in plain encoding, its levels.
+//! One column of a Parquet file: its place in the schema, its values, its levels.
 //!
 //! Every value is there, so definition levels are all the same; repetition levels tell where lists begin.
 
-use super::thrift::{Struct, varint};
+use std::sync::Arc;
+
+use parquet::basic::{ConvertedType, Repetition, Type as Physical};
+use parquet::data_type::{ByteArray, ByteArrayType, DoubleType, Int64Type};
+use parquet::errors::Result;
+use parquet::file::writer::SerializedColumnWriter;
+use parquet::schema::types::{Type, TypePtr};
 
 /// What a column holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -17,17 +23,6 @@ pub(super) enum Kind {
     Text,
 }
 
-impl Kind {
-    /// `parquet.thrift`, `Type`.
-    fn physical(self) -> i32 {
-        match self {
-            Self::Int64 => 2,
-            Self::Double => 5,
-            Self::Bytes | Self::Text => 6,
-        }
-    }
-}
-
 /// A field of the schema.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Field {
@@ -39,197 +34,162 @@ pub(super) enum Field {
     List(Kind, u8),
 }
 
-/// `FieldRepetitionType` and `ConvertedType` of `parquet.thrift`.
-const OPTIONAL: i32 = 1;
-const REPEATED: i32 = 2;
-const UTF8: i32 = 0;
-const LIST: i32 = 3;
-/// `Encoding`.
-const PLAIN: i32 = 0;
-const RLE: i32 = 3;
-
 impl Field {
-    /// The field's elements of the schema, in depth-first order.
-    pub(super) fn schema(&self, name: &str) -> Vec<Struct> {
-        let leaf = |name: &str, kind: Kind| {
-            let element = Struct::default()
-                .i32(1, kind.physical())
-                .i32(3, OPTIONAL)
-                .text(4, name);
-            if kind == Kind::Text {
-                element.i32(6, UTF8)
-            } else {
-                element
-            }
-        };
-        let group = |name: &str, repetition: i32, children: i32| {
-            Struct::default()
-                .i32(3, repetition)
-                .text(4, name)
-                .i32(5, children)
-        };
+    /// The field's part of the schema.
+    pub(super) fn schema(&self, name: &str) -> Result<TypePtr> {
         match self {
-            Self::Value(kind) => vec![leaf(name, *kind)],
-            Self::File => vec![
-                group(name, OPTIONAL, 2),
-                leaf("bytes", Kind::Bytes),
-                leaf("path", Kind::Text),
-            ],
+            Self::Value(kind) => leaf(name, *kind),
+            Self::File => {
+                let parts = vec![leaf("bytes", Kind::Bytes)?, leaf("path", Kind::Text)?];
+                group(name, Repetition::OPTIONAL, ConvertedType::NONE, parts)
+            }
             Self::List(kind, depth) => {
-                let mut elements = Vec::new();
-                for level in 0..*depth {
+                let mut inner = leaf("element", *kind)?;
+                for level in (0..*depth).rev() {
                     let name = if level == 0 { name } else { "element" };
-                    elements.push(group(name, OPTIONAL, 1).i32(6, LIST));
-                    elements.push(group("list", REPEATED, 1));
+                    let (none, list) = (ConvertedType::NONE, ConvertedType::LIST);
+                    inner = group("list", Repetition::REPEATED, none, vec![inner])?;
+                    inner = group(name, Repetition::OPTIONAL, list, vec![inner])?;
                 }
-                elements.push(leaf("element", *kind));
-                elements
+                Ok(inner)
             }
         }
     }
 
     /// The field's columns, empty.
-    pub(super) fn columns(&self, name: &str) -> Vec<Column> {
-        let column = |path: &[&str], kind, definition, repetition| Column {
-            path: path.iter().map(|p| (*p).to_owned()).collect(),
-            kind,
-            definition,
-            repetition,
-            values: Vec::new(),
-            starts: Vec::new(),
-        };
+    pub(super) fn columns(&self) -> Vec<Column> {
         match self {
-            Self::Value(kind) => vec![column(&[name], *kind, 1, 0)],
-            Self::File => vec![
-                column(&[name, "bytes"], Kind::Bytes, 2, 0),
-                column(&[name, "path"], Kind::Text, 2, 0),
-            ],
-            Self::List(kind, depth) => {
-                let mut path = vec![name];
-                for _ in 0..*depth {
-                    path.extend(["list", "element"]);
-                }
-                vec![column(&path, *kind, 2 * depth + 1, *depth)]
-            }
+            Self::Value(kind) => vec![Column::new(*kind, 1)],
+            Self::File => vec![Column::new(Kind::Bytes, 2), Column::new(Kind::Text, 2)],
+            Self::List(kind, depth) => vec![Column::new(*kind, 2 * i16::from(*depth) + 1)],
         }
     }
+}
+
+fn leaf(name: &str, kind: Kind) -> Result<TypePtr> {
+    let (physical, converted) = match kind {
+        Kind::Int64 => (Physical::INT64, ConvertedType::NONE),
+        Kind::Double => (Physical::DOUBLE, ConvertedType::NONE),
+        Kind::Bytes => (Physical::BYTE_ARRAY, ConvertedType::NONE),
+        Kind::Text => (Physical::BYTE_ARRAY, ConvertedType::UTF8),
+    };
+    let leaf = Type::primitive_type_builder(name, physical)
+        .with_repetition(Repetition::OPTIONAL)
+        .with_converted_type(converted);
+    leaf.build().map(Arc::new)
+}
+
+fn group(
+    name: &str,
+    repetition: Repetition,
+    converted: ConvertedType,
+    fields: Vec<TypePtr>,
+) -> Result<TypePtr> {
+    let group = Type::group_type_builder(name)
+        .with_repetition(repetition)
+        .with_converted_type(converted)
+        .with_fields(fields);
+    group.build().map(Arc::new)
+}
+
+/// Values of one physical type.
+#[derive(Debug)]
+enum Values {
+    Int64(Vec<i64>),
+    Double(Vec<f64>),
+    Bytes(Vec<ByteArray>),
 }
 
 /// The values of a column in the rows at hand.
 #[derive(Debug)]
 pub(super) struct Column {
-    path: Vec<String>,
-    kind: Kind,
-    /// Largest levels.
-    definition: u8,
-    repetition: u8,
-    values: Vec<u8>,
+    /// The definition level of every value.
+    definition: i16,
+    values: Values,
     /// The repetition level of each value.
-    starts: Vec<u8>,
+    starts: Vec<i16>,
+    bytes: usize,
 }
 
 impl Column {
-    /// Adds a whole number; `level` is the depth of the list that goes on, 0 for a new row.
-    pub(super) fn int(&mut self, level: u8, v: i64) {
-        self.values.extend(v.to_le_bytes());
-        self.starts.push(level);
+    fn new(kind: Kind, definition: i16) -> Self {
+        Self {
+            definition,
+            values: match kind {
+                Kind::Int64 => Values::Int64(Vec::new()),
+                Kind::Double => Values::Double(Vec::new()),
+                Kind::Bytes | Kind::Text => Values::Bytes(Vec::new()),
+            },
+            starts: Vec::new(),
+            bytes: 0,
+        }
+    }
+
+    /// Adds a whole number; `level` is the depth of the list that goes on, 0 for a new row. `None` if the column holds
+    /// something else, as for all of these.
+    pub(super) fn int(&mut self, level: i16, v: i64) -> Option<()> {
+        let Values::Int64(values) = &mut self.values else {
+            return None;
+        };
+        values.push(v);
+        self.note(level, size_of::<i64>())
     }
 
     /// Adds a number.
-    pub(super) fn double(&mut self, level: u8, v: f64) {
-        self.values.extend(v.to_le_bytes());
-        self.starts.push(level);
+    pub(super) fn double(&mut self, level: i16, v: f64) -> Option<()> {
+        let Values::Double(values) = &mut self.values else {
+            return None;
+        };
+        values.push(v);
+        self.note(level, size_of::<f64>())
     }
 
     /// Adds bytes or a text of the next row.
-    pub(super) fn bytes(&mut self, v: &[u8]) {
-        self.values.extend((v.len() as u32).to_le_bytes());
-        self.values.extend(v);
-        self.starts.push(0);
+    pub(super) fn bytes(&mut self, v: &[u8]) -> Option<()> {
+        let Values::Bytes(values) = &mut self.values else {
+            return None;
+        };
+        values.push(v.to_vec().into());
+        self.note(0, v.len())
+    }
+
+    fn note(&mut self, level: i16, bytes: usize) -> Option<()> {
+        self.starts.push(level);
+        self.bytes += bytes;
+        Some(())
     }
 
     /// Bytes at hand.
     pub(super) fn len(&self) -> usize {
-        self.values.len()
+        self.bytes
     }
 
-    /// Takes the values as one page: its bytes, and the column's metadata for a chunk that begins at `offset`.
-    pub(super) fn take_page(&mut self, offset: i64) -> (Vec<u8>, Struct) {
-        let count = self.starts.len() as i32;
-        let mut data = Vec::with_capacity(self.values.len() + 64);
-        if self.repetition > 0 {
-            levels(&mut data, packed(&self.starts));
+    /// Writes the values as a chunk and forgets them.
+    pub(super) fn write(&mut self, mut writer: SerializedColumnWriter<'_>) -> Result<()> {
+        let definitions = vec![self.definition; self.starts.len()];
+        let levels = (Some(&definitions[..]), Some(&self.starts[..]));
+        match &mut self.values {
+            Values::Int64(v) => {
+                writer
+                    .typed::<Int64Type>()
+                    .write_batch(v, levels.0, levels.1)?;
+                v.clear();
+            }
+            Values::Double(v) => {
+                writer
+                    .typed::<DoubleType>()
+                    .write_batch(v, levels.0, levels.1)?;
+                v.clear();
+            }
+            Values::Bytes(v) => {
+                writer
+                    .typed::<ByteArrayType>()
+                    .write_batch(v, levels.0, levels.1)?;
+                v.clear();
+            }
         }
-        levels(&mut data, repeated(self.starts.len(), self.definition));
-        data.append(&mut self.values);
         self.starts.clear();
-        let size = data.len() as i32;
-        let header = Struct::default()
-            .i32(1, 0)
-            .i32(2, size)
-            .i32(3, size)
-            .nested(
-                5,
-                Struct::default()
-                    .i32(1, count)
-                    .i32(2, PLAIN)
-                    .i32(3, RLE)
-                    .i32(4, RLE),
-            );
-        let mut page = header.end();
-        page.append(&mut data);
-        let total = page.len() as i64;
-        let metadata = Struct::default()
-            .i32(1, self.kind.physical())
-            .i32s(2, &[PLAIN, RLE])
-            .texts(3, &self.path)
-            .i32(4, 0)
-            .i64(5, i64::from(count))
-            .i64(6, total)
-            .i64(7, total)
-            .i64(9, offset);
-        (page, metadata)
-    }
-}
-
-/// Levels with their length before them.
-fn levels(out: &mut Vec<u8>, encoded: Vec<u8>) {
-    out.extend((encoded.len() as u32).to_le_bytes());
-    out.extend(encoded);
-}
-
-/// `n` times the same level of at most 8 bits.
-fn repeated(n: usize, level: u8) -> Vec<u8> {
-    let mut out = Vec::new();
-    varint(&mut out, (n as u64) << 1);
-    out.push(level);
-    out
-}
-
-/// Levels of at most 2, packed in groups of eight.
-fn packed(levels: &[u8]) -> Vec<u8> {
-    let width = if levels.contains(&2) { 2 } else { 1 };
-    let groups = levels.len().div_ceil(8);
-    let mut out = Vec::new();
-    varint(&mut out, (groups as u64) << 1 | 1);
-    for group in levels.chunks(8) {
-        let bits = group.iter().enumerate().fold(0_u32, |bits, (i, level)| {
-            bits | u32::from(*level) << (i * width)
-        });
-        out.extend(&bits.to_le_bytes()[..width]);
-    }
-    out
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn levels_are_packed_from_the_lowest_bit() {
-        // The example of the format's description, "Encodings": 0 to 7 in three bits; here of one and two bits.
-        assert_eq!(packed(&[0, 1, 1, 0, 1, 0, 0, 0, 1]), [5, 0b0001_0110, 1]);
-        assert_eq!(packed(&[0, 2, 1, 2]), [3, 0b1001_1000, 0]);
-        assert_eq!(repeated(300, 5), [0xd8, 0x04, 5]);
+        self.bytes = 0;
+        writer.close()
     }
 }

@@ -2,12 +2,18 @@
 //!
 //! A row holds a sample: image and maps as files inside the table, labels as numbers, lists and classes with names, the
 //! whole record as JSON. The names and types that `datasets` shows are in the file's metadata under `huggingface`. Pages
-//! are neither compressed (the images are already) nor dated, so that the same samples make the same bytes. The format is
-//! that of <https://parquet.apache.org/docs/file-format>; we write the small part of it that this takes ourselves.
+//! are neither compressed (the images are already) nor dated, so that the same samples make the same bytes.
 
 use std::collections::BTreeMap;
-use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
+use parquet::basic::Compression;
+use parquet::errors::ParquetError;
+use parquet::file::metadata::KeyValue;
+use parquet::file::properties::{EnabledStatistics, WriterProperties};
+use parquet::file::writer::SerializedFileWriter;
+use parquet::schema::types::Type;
 use serde::Deserialize;
 use serde_json::{Value, json};
 
@@ -18,16 +24,13 @@ use super::sample::EncodedSample;
 use super::unit::Sink;
 use crate::Error;
 use column::{Column, Field, Kind};
-use thrift::Struct;
 
 mod column;
-mod thrift;
 
 /// Folder of the Parquet files in a dataset.
 pub const PARQUET: &str = "parquet";
 /// What may hide a landmark, in the order of its classes.
 pub const VISIBILITIES: [&str; 5] = ["visible", "self", "occluder", "closed_mouth", "frame"];
-const MAGIC: &[u8; 4] = b"PAR1";
 /// Rows that are stored together: readers load so many at once, and we hold them in memory.
 const ROWS: usize = 100;
 
@@ -38,15 +41,19 @@ pub fn parquet_name(unit: u64) -> String {
 
 /// A Parquet file that is being written.
 pub(super) struct ParquetSink<'a> {
-    scratch: Scratch<'a>,
     unit: u64,
     labels: &'a Labels,
-    offset: i64,
-    /// Known from the first sample on.
-    table: Option<Table>,
-    row_groups: Vec<Struct>,
+    path: PathBuf,
+    /// The file, until the first sample says what the table holds.
+    scratch: Option<Scratch<'a>>,
+    open: Option<Open<'a>>,
+}
+
+/// A table with its first samples.
+struct Open<'a> {
+    table: Table,
     rows: usize,
-    all_rows: i64,
+    writer: SerializedFileWriter<Scratch<'a>>,
 }
 
 /// Fields and columns.
@@ -156,7 +163,7 @@ impl Table {
         add("record", text());
         let columns = fields
             .iter()
-            .flat_map(|(name, field, _)| field.columns(name))
+            .flat_map(|(_, field, _)| field.columns())
             .collect();
         Self { fields, columns }
     }
@@ -166,37 +173,37 @@ impl Table {
         let mut columns = self.columns.iter_mut();
         let mut next = || columns.next();
         let place = |names: &[String], name: &str| names.iter().position(|n| n == name);
-        next()?.int(0, sample.index as i64);
-        next()?.bytes(&sample.image);
-        next()?.bytes(row.image.as_bytes());
+        next()?.int(0, sample.index as i64)?;
+        next()?.bytes(&sample.image)?;
+        next()?.bytes(row.image.as_bytes())?;
         for (kind, bytes) in sample.maps.iter() {
-            next()?.bytes(bytes);
-            next()?.bytes(row.maps.get(*kind)?.file.as_bytes());
+            next()?.bytes(bytes)?;
+            next()?.bytes(row.maps.get(*kind)?.file.as_bytes())?;
         }
-        next()?.bytes(row.subject.id.as_bytes());
-        next()?.bytes(row.subject.kind.as_bytes());
-        next()?.int(0, place(&labels.expressions, &row.expression.name)? as i64);
-        next()?.double(0, row.expression.intensity);
-        next()?.int(0, place(&labels.lights, &row.light.name)? as i64);
-        next()?.int(0, place(&labels.occluders, &row.occluder.kind)? as i64);
+        next()?.bytes(row.subject.id.as_bytes())?;
+        next()?.bytes(row.subject.kind.as_bytes())?;
+        next()?.int(0, place(&labels.expressions, &row.expression.name)? as i64)?;
+        next()?.double(0, row.expression.intensity)?;
+        next()?.int(0, place(&labels.lights, &row.light.name)? as i64)?;
+        next()?.int(0, place(&labels.occluders, &row.occluder.kind)? as i64)?;
         let pose = &row.head_pose;
         for angle in [pose.yaw_deg, pose.pitch_deg, pose.roll_deg] {
-            next()?.double(0, angle);
+            next()?.double(0, angle)?;
         }
         let column = next()?;
         for (i, v) in row.face_box_px.iter().enumerate() {
-            column.double(u8::from(i > 0), *v);
+            column.double(i16::from(i > 0), *v)?;
         }
         for landmarks in row.landmarks.values() {
-            points(next()?, &landmarks.px);
-            points(next()?, &landmarks.mm);
+            points(next()?, &landmarks.px)?;
+            points(next()?, &landmarks.mm)?;
             let column = next()?;
             for (i, visibility) in landmarks.visibility.iter().enumerate() {
                 let class = VISIBILITIES.iter().position(|v| v == visibility)?;
-                column.int(u8::from(i > 0), class as i64);
+                column.int(i16::from(i > 0), class as i64)?;
             }
         }
-        next()?.bytes(sample.record.as_bytes());
+        next()?.bytes(sample.record.as_bytes())?;
         Some(())
     }
 
@@ -212,7 +219,7 @@ impl Table {
 }
 
 /// A list of points as a list of lists.
-fn points<const N: usize>(column: &mut Column, points: &[[f64; N]]) {
+fn points<const N: usize>(column: &mut Column, points: &[[f64; N]]) -> Option<()> {
     for (i, point) in points.iter().enumerate() {
         for (k, v) in point.iter().enumerate() {
             let level = match (i, k) {
@@ -220,113 +227,113 @@ fn points<const N: usize>(column: &mut Column, points: &[[f64; N]]) {
                 (_, 0) => 1,
                 _ => 2,
             };
-            column.double(level, *v);
+            column.double(level, *v)?;
         }
+    }
+    Some(())
+}
+
+impl<'a> Open<'a> {
+    fn new(table: Table, scratch: Scratch<'a>) -> Result<Self, ParquetError> {
+        let fields = table.fields.iter();
+        let schema = Type::group_type_builder("schema")
+            .with_fields(
+                fields
+                    .map(|(name, field, _)| field.schema(name))
+                    .collect::<Result<_, _>>()?,
+            )
+            .build()?;
+        let features = KeyValue::new("huggingface".to_owned(), table.features());
+        let properties = WriterProperties::builder()
+            .set_compression(Compression::UNCOMPRESSED)
+            .set_dictionary_enabled(false)
+            .set_statistics_enabled(EnabledStatistics::None)
+            .set_write_batch_size(BATCH)
+            .set_created_by(concat!("facile ", env!("CARGO_PKG_VERSION")).to_owned())
+            .set_key_value_metadata(Some(vec![features]))
+            .build();
+        let writer = SerializedFileWriter::new(scratch, Arc::new(schema), Arc::new(properties))?;
+        Ok(Self {
+            table,
+            rows: 0,
+            writer,
+        })
+    }
+
+    /// Writes the rows at hand.
+    fn flush(&mut self) -> Result<(), ParquetError> {
+        if self.rows == 0 {
+            return Ok(());
+        }
+        self.rows = 0;
+        let mut group = self.writer.next_row_group()?;
+        for column in &mut self.table.columns {
+            if let Some(writer) = group.next_column()? {
+                column.write(writer)?;
+            }
+        }
+        group.close().map(|_| ())
     }
 }
 
 impl<'a> ParquetSink<'a> {
     pub(super) fn new(folder: &'a Folder, unit: u64) -> Result<Self, Error> {
-        let mut sink = Self {
-            scratch: folder.scratch(&parquet_name(unit))?,
+        let scratch = folder.scratch(&parquet_name(unit))?;
+        Ok(Self {
             unit,
             labels: folder.labels(),
-            offset: 0,
-            table: None,
-            row_groups: Vec::new(),
-            rows: 0,
-            all_rows: 0,
-        };
-        sink.put(MAGIC)?;
-        Ok(sink)
-    }
-
-    fn put(&mut self, bytes: &[u8]) -> Result<(), Error> {
-        self.scratch
-            .write_all(bytes)
-            .map_err(|e| Error::io(self.scratch.target(), e))?;
-        self.offset += bytes.len() as i64;
-        Ok(())
-    }
-
-    /// Writes the rows at hand.
-    fn flush(&mut self) -> Result<(), Error> {
-        let Some(mut table) = self.table.take().filter(|_| self.rows > 0) else {
-            return Ok(());
-        };
-        let start = self.offset;
-        let mut chunks = Vec::new();
-        for column in &mut table.columns {
-            let offset = self.offset;
-            let (page, metadata) = column.take_page(offset);
-            self.put(&page)?;
-            chunks.push(Struct::default().i64(2, offset).nested(3, metadata));
-        }
-        let group = Struct::default()
-            .structs(1, chunks)
-            .i64(2, self.offset - start)
-            .i64(3, self.rows as i64);
-        self.row_groups.push(group);
-        self.all_rows += self.rows as i64;
-        self.rows = 0;
-        self.table = Some(table);
-        Ok(())
+            path: scratch.target().to_owned(),
+            scratch: Some(scratch),
+            open: None,
+        })
     }
 }
 
-/// Bytes of a column that are written before there are [`ROWS`] rows: pages count them in 31 bits.
-const LARGEST_PAGE: usize = 256 << 20;
+/// Bytes of a column that are written before there are [`ROWS`] rows: readers load them at once.
+const LARGEST_CHUNK: usize = 256 << 20;
+/// Values after which a page may end: images are large, so few.
+const BATCH: usize = 8;
 
 impl Sink for ParquetSink<'_> {
     fn append(&mut self, sample: &EncodedSample) -> Result<(), Error> {
         let broken = |reason: String| Error::Internal { reason };
         let row: Row = serde_json::from_str(&sample.record)
             .map_err(|e| broken(format!("record of sample {}: {e}", sample.index)))?;
-        let table = self
-            .table
-            .get_or_insert_with(|| Table::of(sample, &row, self.labels));
-        table.add(sample, &row, self.labels).ok_or_else(|| {
+        let failed = |e| unwritten(&self.path, e);
+        if let Some(scratch) = self.scratch.take() {
+            let table = Table::of(sample, &row, self.labels);
+            self.open = Some(Open::new(table, scratch).map_err(failed)?);
+        }
+        let Some(open) = &mut self.open else {
+            return Err(broken("rows after a table that could not begin".to_owned()));
+        };
+        open.table.add(sample, &row, self.labels).ok_or_else(|| {
             broken(format!(
                 "sample {} is not like the others of its table",
                 sample.index
             ))
         })?;
-        let largest = table.columns.iter().map(Column::len).max();
-        self.rows += 1;
-        if self.rows == ROWS || largest > Some(LARGEST_PAGE) {
-            self.flush()?;
+        let largest = open.table.columns.iter().map(Column::len).max();
+        open.rows += 1;
+        if open.rows == ROWS || largest > Some(LARGEST_CHUNK) {
+            open.flush().map_err(failed)?;
         }
         Ok(())
     }
 
-    fn finish(mut self: Box<Self>) -> Result<Vec<FileEntry>, Error> {
-        self.flush()?;
-        let Some(table) = &self.table else {
+    fn finish(self: Box<Self>) -> Result<Vec<FileEntry>, Error> {
+        let Some(mut open) = self.open else {
             // A unit of which every sample failed has no table.
             return Ok(Vec::new());
         };
-        let fields = table
-            .fields
-            .iter()
-            .flat_map(|(name, field, _)| field.schema(name));
-        let root = Struct::default()
-            .text(4, "schema")
-            .i32(5, table.fields.len() as i32);
-        let features = Struct::default()
-            .text(1, "huggingface")
-            .text(2, &table.features());
-        let footer = Struct::default()
-            .i32(1, 1)
-            .structs(2, std::iter::once(root).chain(fields))
-            .i64(3, self.all_rows)
-            .structs(4, std::mem::take(&mut self.row_groups))
-            .structs(5, [features])
-            .text(6, concat!("facile ", env!("CARGO_PKG_VERSION")))
-            .end();
-        self.put(&footer)?;
-        self.put(&(footer.len() as u32).to_le_bytes())?;
-        self.put(MAGIC)?;
-        let name = parquet_name(self.unit);
-        Ok(vec![self.scratch.commit(&name)?])
+        let failed = |e| unwritten(&self.path, e);
+        open.flush().map_err(failed)?;
+        let scratch = open.writer.into_inner().map_err(failed)?;
+        Ok(vec![scratch.commit(&parquet_name(self.unit))?])
     }
+}
+
+/// What went wrong with a file.
+fn unwritten(path: &Path, error: ParquetError) -> Error {
+    Error::io(path, std::io::Error::other(error))
 }
