@@ -104,6 +104,7 @@ pub(crate) fn fit_shape(
         curvature_correlation: 0.0,
         base: Vec::new(),
     };
+    let mut beyond = vec![false; template.reference.mesh.positions.len()];
     for k in 0..params.nearest_rounds {
         let share = k as f64 / params.nearest_rounds as f64;
         let fine = template.fine(&shape.cage);
@@ -112,6 +113,7 @@ pub(crate) fn fit_shape(
             scan,
             &fine,
             &mut shape.starts,
+            &mut beyond,
             18.0 - 10.0 * share,
         );
         anchor_goals(template, scan, anchors, &fine, &mut goals);
@@ -267,20 +269,24 @@ pub(crate) struct Goal {
 /// Every how many fine vertices take part while the pose and a few dozen modes are found from nearest points.
 const NEAREST_STRIDE: usize = 6;
 
-/// Nearest points of the scan: they tell how far the surface is, and little about where on it.
+/// Nearest points of the scan: they tell how far the surface is, and little about where on it. Vertices that find none
+/// are marked as `beyond` it and asked no more, since the reach only shrinks.
 fn nearest_goals(
     template: &Template<'_>,
     scan: &WorkingScan<'_>,
     fine: &[Point3],
     starts: &mut [u32],
+    beyond: &mut [bool],
     reach: f64,
 ) -> Vec<Goal> {
     let normals = vertex_normals(fine, &template.reference.mesh.triangles);
-    let goal = |(v, start): (usize, &mut u32)| {
-        if template.skin[v] <= 0.0 {
+    let goal = |(v, (start, beyond)): (usize, (&mut u32, &mut bool))| {
+        if template.skin[v] <= 0.0 || *beyond {
             return None;
         }
-        let hit = scan.nearest_from(*start, &fine[v], &normals[v], reach)?;
+        let hit = scan.nearest_from(*start, &fine[v], &normals[v], reach);
+        *beyond = hit.is_none();
+        let hit = hit?;
         if hit.normal.dot(&normals[v]) < 0.6 || scan.is_on_border(&hit) {
             return None;
         }
@@ -296,6 +302,7 @@ fn nearest_goals(
     };
     starts
         .par_iter_mut()
+        .zip(beyond)
         .enumerate()
         .step_by(NEAREST_STRIDE)
         .filter_map(goal)

@@ -22,7 +22,7 @@ const LARGEST: f64 = 3.0;
 /// Standard deviation of the logarithm of a head's size that is not in the modes.
 const SIZE_DEVIATION: f64 = 0.04;
 /// About how many goals a fit uses: it has far more than it needs.
-const USED_GOALS: usize = 1500;
+const USED_GOALS: usize = 900;
 /// Unknowns before the coefficients: rotation, translation, logarithm of the size.
 const POSE: usize = 7;
 
