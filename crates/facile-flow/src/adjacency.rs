@@ -18,6 +18,13 @@ impl Adjacency {
         )
     }
 
+    /// Neighbours over the edges of polygons. Cost O(n log n).
+    pub(crate) fn from_faces(vertex_count: usize, faces: &[Vec<u32>]) -> Self {
+        let edges = (faces.iter())
+            .flat_map(|face| (0..face.len()).map(move |k| (face[k], face[(k + 1) % face.len()])));
+        Self::from_edges(vertex_count, edges)
+    }
+
     fn from_edges(vertex_count: usize, edges: impl Iterator<Item = (u32, u32)>) -> Self {
         let mut keys: Vec<(u32, u32)> = edges
             .filter(|(a, b)| a != b)

@@ -4,29 +4,53 @@ use facile_core::Plane;
 
 /// Values of one cell that can be averaged.
 pub(crate) trait Blend: Copy {
+    /// Numbers in one cell.
+    const LEN: usize;
+
     /// Nothing.
     const ZERO: Self;
 
-    /// `self + other * weight`.
-    fn add_scaled(self, other: Self, weight: f32) -> Self;
+    /// All numbers of a row of cells.
+    fn flat(row: &[Self]) -> &[f32];
+
+    /// As [`Self::flat`], to write.
+    fn flat_mut(row: &mut [Self]) -> &mut [f32];
+
+    /// Every number times `weight`.
+    fn scaled(self, weight: f32) -> Self;
 }
 
 impl Blend for f32 {
+    const LEN: usize = 1;
     const ZERO: Self = 0.0;
 
-    fn add_scaled(self, other: Self, weight: f32) -> Self {
-        self + other * weight
+    fn flat(row: &[Self]) -> &[f32] {
+        row
+    }
+
+    fn flat_mut(row: &mut [Self]) -> &mut [f32] {
+        row
+    }
+
+    fn scaled(self, weight: f32) -> Self {
+        self * weight
     }
 }
 
 impl<const N: usize> Blend for [f32; N] {
+    const LEN: usize = N;
     const ZERO: Self = [0.0; N];
 
-    fn add_scaled(mut self, other: Self, weight: f32) -> Self {
-        for (s, o) in self.iter_mut().zip(&other) {
-            *s += o * weight;
-        }
-        self
+    fn flat(row: &[Self]) -> &[f32] {
+        row.as_flattened()
+    }
+
+    fn flat_mut(row: &mut [Self]) -> &mut [f32] {
+        row.as_flattened_mut()
+    }
+
+    fn scaled(self, weight: f32) -> Self {
+        self.map(|v| v * weight)
     }
 }
 
@@ -42,61 +66,59 @@ fn kernel(sigma: f64) -> Vec<f32> {
 }
 
 /// Convolves every cell with a Gaussian; cells beyond the border count as nothing, so values fade there.
+///
+/// Whole rows are added to whole rows, shifted by a tap: plain loops over numbers, which the compiler turns to vectors.
 pub(crate) fn blur<T: Blend>(plane: &Plane<T>, sigma: f64) -> Plane<T> {
     let kernel = kernel(sigma);
     let (nx, ny) = (plane.width(), plane.height());
     let mut across = Plane::filled(nx, ny, T::ZERO);
     for y in 0..ny {
-        let (row, out) = (plane.row(y), across.row_mut(y));
-        for x in 0..nx {
-            let mut sum = T::ZERO.add_scaled(row[x], kernel[0]);
-            for (k, &w) in kernel.iter().enumerate().skip(1) {
-                if x >= k {
-                    sum = sum.add_scaled(row[x - k], w);
-                }
-                if x + k < nx {
-                    sum = sum.add_scaled(row[x + k], w);
-                }
-            }
-            out[x] = sum;
+        let (row, out) = (T::flat(plane.row(y)), T::flat_mut(across.row_mut(y)));
+        add_scaled(out, row, kernel[0]);
+        for (k, &w) in kernel.iter().enumerate().take(nx).skip(1) {
+            let shift = k * T::LEN;
+            add_scaled(&mut out[shift..], row, w);
+            add_scaled(out, &row[shift..], w);
         }
     }
     let mut out = Plane::filled(nx, ny, T::ZERO);
     for y in 0..ny {
-        let target = out.row_mut(y);
+        let target = T::flat_mut(out.row_mut(y));
         for (k, &w) in kernel.iter().enumerate() {
-            let mut add = |row: &[T]| {
-                for (t, v) in target.iter_mut().zip(row) {
-                    *t = t.add_scaled(*v, w);
-                }
-            };
             if y >= k {
-                add(across.row(y - k));
+                add_scaled(target, T::flat(across.row(y - k)), w);
             }
             if k > 0 && y + k < ny {
-                add(across.row(y + k));
+                add_scaled(target, T::flat(across.row(y + k)), w);
             }
         }
     }
     out
 }
 
+/// `target += row * weight`, as far as both reach.
+fn add_scaled(target: &mut [f32], row: &[f32], weight: f32) {
+    for (t, v) in target.iter_mut().zip(row) {
+        *t += v * weight;
+    }
+}
+
 /// Gaussian mean of the cells that `mask` (weights in `[0, 1]`) lets through; where it lets nothing through nearby,
 /// nothing.
 pub(crate) fn masked_blur<T: Blend>(plane: &Plane<T>, mask: &Plane<f32>, sigma: f64) -> Plane<T> {
-    let (nx, ny) = (plane.width(), plane.height());
-    let weighted = Plane::from_fn(nx, ny, |x, y| {
-        T::ZERO.add_scaled(plane[(x, y)], mask[(x, y)])
-    });
-    let (sum, weight) = (blur(&weighted, sigma), blur(mask, sigma));
-    Plane::from_fn(nx, ny, |x, y| {
-        let w = weight[(x, y)];
-        if w > 1e-4 {
-            T::ZERO.add_scaled(sum[(x, y)], 1.0 / w)
+    let mut weighted = plane.clone();
+    for (cell, w) in weighted.as_mut_slice().iter_mut().zip(mask.as_slice()) {
+        *cell = cell.scaled(*w);
+    }
+    let (mut sum, weight) = (blur(&weighted, sigma), blur(mask, sigma));
+    for (cell, w) in sum.as_mut_slice().iter_mut().zip(weight.as_slice()) {
+        *cell = if *w > 1e-4 {
+            cell.scaled(1.0 / w)
         } else {
             T::ZERO
-        }
-    })
+        };
+    }
+    sum
 }
 
 #[cfg(test)]

@@ -66,32 +66,53 @@ pub fn displacement_field(
     target: &Pyramid,
     params: &FlowParams,
 ) -> DisplacementField {
+    field_down_to(source, target, params, 0)
+}
+
+/// As [`displacement_field`], from the coarsest level down to level `finest` only: a quarter of the time a level. The
+/// field has the cells of level 0 all the same.
+pub(crate) fn field_down_to(
+    source: &Pyramid,
+    target: &Pyramid,
+    params: &FlowParams,
+    finest: usize,
+) -> DisplacementField {
     let count = source.levels.len().min(target.levels.len());
+    let finest = finest.min(count - 1);
     let mut field: Option<Plane<[f32; 2]>> = None;
-    let mut confidence = Plane::filled(1, 1, 0.0);
-    for level in (0..count).rev() {
+    let mut confidence = Plane::filled(1, 1, [0.0_f32]);
+    for level in (finest..count).rev() {
         let (from, to) = (&source.levels[level], &target.levels[level]);
         let (nx, ny) = (from.mask.width(), from.mask.height());
         let mut v = match field {
             Some(coarse) => refine(&coarse, nx, ny),
             None => Plane::filled(nx, ny, [0.0; 2]),
         };
+        let slopes = slopes(&from.values);
         for warp in 0..params.warps.max(1) {
-            let normal = accumulate(from, to, &v, params);
+            let normal = accumulate(from, &slopes, to, &v, params);
             if params.smoothness > 0.0 {
                 relax(&mut v, &normal, params);
             } else {
                 solve_alone(&mut v, &normal);
             }
-            if level == 0 && warp + 1 == params.warps.max(1) {
-                confidence = normal.map(determinacy);
+            if level == finest && warp + 1 == params.warps.max(1) {
+                // A slope over a cell of level 1 is twice that over a cell of level 0.
+                let scale = 0.25_f32.powi(level as i32);
+                confidence = normal.map(|n| [determinacy(&n.map(|v| v * scale))]);
             }
         }
         field = Some(v);
     }
+    let mut cells = field.unwrap_or_else(|| Plane::filled(1, 1, [0.0; 2]));
+    for level in (0..finest).rev() {
+        let mask = &source.levels[level].mask;
+        cells = refine(&cells, mask.width(), mask.height());
+        confidence = enlarge(&confidence, mask.width(), mask.height());
+    }
     DisplacementField {
-        cells: field.unwrap_or_else(|| Plane::filled(1, 1, [0.0; 2])),
-        confidence,
+        cells,
+        confidence: confidence.map(|c| c[0]),
     }
 }
 
@@ -107,56 +128,77 @@ pub fn forward_backward(forward: &DisplacementField, backward: &DisplacementFiel
 
 /// A field of the next finer level from a coarse one.
 fn refine(coarse: &Plane<[f32; 2]>, nx: usize, ny: usize) -> Plane<[f32; 2]> {
+    enlarge(coarse, nx, ny).map(|v| v.map(|c| 2.0 * c))
+}
+
+/// A plane of the next finer level.
+fn enlarge<const N: usize>(coarse: &Plane<[f32; N]>, nx: usize, ny: usize) -> Plane<[f32; N]> {
     Plane::from_fn(nx, ny, |x, y| {
-        bilinear(coarse, 0.5 * x as f32 - 0.25, 0.5 * y as f32 - 0.25).map(|c| 2.0 * c)
+        bilinear(coarse, 0.5 * x as f32 - 0.25, 0.5 * y as f32 - 0.25)
     })
+}
+
+/// Half the central differences along columns and rows; 0 on the border.
+fn slopes(values: &Plane<Channels>) -> Plane<[Channels; 2]> {
+    let (nx, ny) = (values.width(), values.height());
+    let mut slopes = Plane::filled(nx, ny, [[0.0; CHANNELS]; 2]);
+    for y in 1..ny.saturating_sub(1) {
+        let (down, row, up) = (values.row(y - 1), values.row(y), values.row(y + 1));
+        let out = slopes.row_mut(y);
+        for x in 1..nx.saturating_sub(1) {
+            for k in 0..CHANNELS {
+                out[x][0][k] = 0.25 * (row[x + 1][k] - row[x - 1][k]);
+                out[x][1][k] = 0.25 * (up[x][k] - down[x][k]);
+            }
+        }
+    }
+    slopes
 }
 
 /// Gathers eq. 3 in every window, for the increment of `v`.
 fn accumulate(
     from: &CylinderImage,
+    from_slopes: &Plane<[Channels; 2]>,
     to: &CylinderImage,
     v: &Plane<[f32; 2]>,
     params: &FlowParams,
 ) -> Plane<Normal> {
     let (nx, ny) = (v.width(), v.height());
-    let inside = |x: f32, y: f32| {
-        (0.0..=(nx - 1) as f32).contains(&x) && (0.0..=(ny - 1) as f32).contains(&y)
-    };
+    let (last_x, last_y) = ((nx - 1) as f32, (ny - 1) as f32);
     let mut warped: Plane<Channels> = Plane::filled(nx, ny, [0.0; CHANNELS]);
     let mut trust = Plane::filled(nx, ny, 0.0_f32);
     for y in 0..ny {
+        let (field, mask) = (v.row(y), from.mask.row(y));
+        let (out, trusted) = (warped.row_mut(y), trust.row_mut(y));
         for x in 0..nx {
-            let [dx, dy] = v[(x, y)];
+            let [dx, dy] = field[x];
             let (tx, ty) = (x as f32 + dx, y as f32 + dy);
             let (value, there) = masked_bilinear(to, tx, ty);
-            warped[(x, y)] = value;
-            if inside(tx, ty) {
-                trust[(x, y)] = from.mask[(x, y)] * there;
+            out[x] = value;
+            if tx >= 0.0 && tx <= last_x && ty >= 0.0 && ty <= last_y {
+                trusted[x] = mask[x] * there;
             }
         }
     }
     let scale = 1.0 / (params.outlier * params.outlier).max(1e-12) as f32;
     let mut normal: Plane<Normal> = Plane::filled(nx, ny, [0.0; 5]);
     for y in 1..ny.saturating_sub(1) {
+        let (below, here, above) = (trust.row(y - 1), trust.row(y), trust.row(y + 1));
+        let (down, row, up) = (warped.row(y - 1), warped.row(y), warped.row(y + 1));
+        let (source, slopes) = (from.values.row(y), from_slopes.row(y));
+        let out = normal.row_mut(y);
         for x in 1..nx.saturating_sub(1) {
             // Beside a hole there is no gradient.
-            let around = trust[(x - 1, y)]
-                .min(trust[(x + 1, y)])
-                .min(trust[(x, y - 1)])
-                .min(trust[(x, y + 1)]);
-            if trust[(x, y)].min(around) <= 0.0 {
+            let around = here[x - 1].min(here[x + 1]).min(below[x]).min(above[x]);
+            if here[x].min(around) <= 0.0 {
                 continue;
             }
             // Gradients of both images at the same place: their mean halves the error of the linearisation.
-            let side = |plane: &Plane<Channels>, dx: usize, dy: usize, k: usize| {
-                0.5 * (plane[(x + dx, y + dy)][k] - plane[(x - dx, y - dy)][k])
-            };
             let (mut sum, mut square) = ([0.0_f32; 5], 0.0);
             for k in 0..CHANNELS {
-                let gx = 0.5 * (side(&warped, 1, 0, k) + side(&from.values, 1, 0, k));
-                let gy = 0.5 * (side(&warped, 0, 1, k) + side(&from.values, 0, 1, k));
-                let change = warped[(x, y)][k] - from.values[(x, y)][k];
+                let gx = 0.25 * (row[x + 1][k] - row[x - 1][k]) + slopes[x][0][k];
+                let gy = 0.25 * (up[x][k] - down[x][k]) + slopes[x][1][k];
+                let change = row[x][k] - source[x][k];
                 square += change * change;
                 sum[0] += gx * gx;
                 sum[1] += gx * gy;
@@ -165,8 +207,8 @@ fn accumulate(
                 sum[4] += gy * change;
             }
             // Charbonnier weight of the whole cell.
-            let weight = trust[(x, y)] / (1.0 + square * scale).sqrt();
-            normal[(x, y)] = sum.map(|s| s * weight);
+            let weight = here[x] / (1.0 + square * scale).sqrt();
+            out[x] = sum.map(|s| s * weight);
         }
     }
     blur(&normal, params.window_cells)
@@ -180,24 +222,24 @@ fn masked_bilinear(image: &CylinderImage, x: f32, y: f32) -> (Channels, f32) {
     let (x0, y0) = (x as usize, y as usize);
     let (x1, y1) = ((x0 + 1).min(nx - 1), (y0 + 1).min(ny - 1));
     let (fx, fy) = (x - x0 as f32, y - y0 as f32);
-    let cells = [(x0, y0), (x1, y0), (x0, y1), (x1, y1)];
-    let shares = [
-        (1.0 - fx) * (1.0 - fy),
-        fx * (1.0 - fy),
-        (1.0 - fx) * fy,
-        fx * fy,
+    let (row0, row1) = (image.values.row(y0), image.values.row(y1));
+    let (mask0, mask1) = (image.mask.row(y0), image.mask.row(y1));
+    let corners = [
+        (&row0[x0], mask0[x0] * (1.0 - fx) * (1.0 - fy)),
+        (&row0[x1], mask0[x1] * fx * (1.0 - fy)),
+        (&row1[x0], mask1[x0] * (1.0 - fx) * fy),
+        (&row1[x1], mask1[x1] * fx * fy),
     ];
     let (mut sum, mut trust) = ([0.0_f32; CHANNELS], 0.0);
-    for (cell, share) in cells.into_iter().zip(shares) {
-        let weight = share * image.mask[cell];
-        let value = &image.values[cell];
+    for (value, weight) in corners {
         for k in 0..CHANNELS {
             sum[k] += value[k] * weight;
         }
         trust += weight;
     }
     if trust > 1e-3 {
-        (sum.map(|s| s / trust), trust)
+        let scale = 1.0 / trust;
+        (sum.map(|s| s * scale), trust)
     } else {
         (sum, 0.0)
     }
@@ -228,42 +270,43 @@ fn relax(v: &mut Plane<[f32; 2]>, normal: &Plane<Normal>, params: &FlowParams) {
             alpha * iyy,
         ]
     });
+    let mut begun = vec![[0.0_f32; 2]; nx];
+    let beyond = vec![[0.0_f32; 2]; nx];
     for sweep in 0..params.sweeps {
+        // Alternate the direction, so that information travels both ways equally fast.
+        let forwards = sweep % 2 == 0;
         for row in 0..ny {
-            // Alternate the direction, so that information travels both ways equally fast.
-            let y = if sweep % 2 == 0 { row } else { ny - 1 - row };
-            for column in 0..nx {
-                let x = if sweep % 2 == 0 {
-                    column
-                } else {
-                    nx - 1 - column
-                };
-                let mut sum = [0.0_f32; 2];
-                let mut add = |n: [f32; 2]| {
-                    sum[0] += n[0];
-                    sum[1] += n[1];
-                };
-                if x > 0 {
-                    add(v[(x - 1, y)]);
-                }
-                if x + 1 < nx {
-                    add(v[(x + 1, y)]);
-                }
-                if y > 0 {
-                    add(v[(x, y - 1)]);
-                }
-                if y + 1 < ny {
-                    add(v[(x, y + 1)]);
-                }
-                let [fx, fy, mxx, mxy, myy] = cells[(x, y)];
-                let solved = [
-                    fx + mxx * sum[0] + mxy * sum[1],
-                    fy + mxy * sum[0] + myy * sum[1],
+            let y = if forwards { row } else { ny - 1 - row };
+            let down = if y > 0 { v.row(y - 1) } else { &beyond };
+            let up = if y + 1 < ny { v.row(y + 1) } else { &beyond };
+            let (here, cells) = (v.row(y), cells.row(y));
+            // What does not wait for the cell before.
+            for x in 0..nx {
+                let next = if forwards { x + 1 } else { x.wrapping_sub(1) };
+                let next = here.get(next).copied().unwrap_or_default();
+                let [sx, sy] = std::array::from_fn(|k| down[x][k] + up[x][k] + next[k]);
+                let [fx, fy, mxx, mxy, myy] = cells[x];
+                let solved = [fx + mxx * sx + mxy * sy, fy + mxy * sx + myy * sy];
+                begun[x] = std::array::from_fn(|k| {
+                    (1.0 - RELAXATION) * here[x][k] + RELAXATION * solved[k]
+                });
+            }
+            // The chain along the row.
+            let mut before = [0.0_f32; 2];
+            let out = v.row_mut(y);
+            let mut finish = |x: usize| {
+                let [_, _, mxx, mxy, myy] = cells[x].map(|c| RELAXATION * c);
+                let [px, py] = before;
+                before = [
+                    begun[x][0] + (mxx * px + mxy * py),
+                    begun[x][1] + (mxy * px + myy * py),
                 ];
-                let cell = &mut v[(x, y)];
-                for (c, s) in cell.iter_mut().zip(solved) {
-                    *c += RELAXATION * (s - *c);
-                }
+                out[x] = before;
+            };
+            if forwards {
+                (0..nx).for_each(&mut finish);
+            } else {
+                (0..nx).rev().for_each(&mut finish);
             }
         }
     }

@@ -1,10 +1,12 @@
 //! Fit of pose, size and identity model together: which mixture of the modes, and where, comes nearest to the goals.
 //!
 //! One Gauss-Newton step minimises, over a rigid motion, the size `s` and the modes' coefficients `a`,
-//! `sum_i (x_i - g_i)^T W_i (x_i - g_i) + |a|^2 + (ln s / sigma)^2`, where `W_i` weighs the distance along the normal
-//! fully and the distance along the surface by how far it is known. Together, because the modes hold shifts and growth
+//! `sum_i (x_i - g_i)^T W_i (x_i - g_i) + |a|^2 + (ln s / sigma)^2`, where `W_i` weighs the distances
+//! along the normal and along the surface by how far each is known. Together, because the modes hold shifts and growth
 //! of the face themselves: fitted in turns, pose and modes drift against each other. What the population never shows
 //! is left to the smooth deformation. Source: [BPV06]; Blanz and Vetter 1999.
+
+use std::ops::RangeInclusive;
 
 use facile_core::subdivision::Stencils;
 use facile_core::{IdentityModel, Isometry3, Point3, UnitQuaternion, Vector3};
@@ -13,8 +15,6 @@ use nalgebra::{DMatrix, DVector, Translation3};
 use crate::fit::Goal;
 use crate::template::Template;
 
-/// Error of one independent goal that the fit reckons with, mm.
-const GOAL_ERROR: f64 = 1.5;
 /// Area of skin whose goals err together, mm^2: as many goals as fit in there count as one.
 const INDEPENDENT_AREA: f64 = 500.0;
 /// Largest coefficient, in standard deviations of the population.
@@ -22,7 +22,7 @@ const LARGEST: f64 = 3.0;
 /// Standard deviation of the logarithm of a head's size that is not in the modes.
 const SIZE_DEVIATION: f64 = 0.04;
 /// About how many goals a fit uses: it has far more than it needs.
-const USED_GOALS: usize = 1500;
+const USED_GOALS: usize = 900;
 /// Unknowns before the coefficients: rotation, translation, logarithm of the size.
 const POSE: usize = 7;
 
@@ -40,6 +40,13 @@ pub(crate) struct FineModes {
 pub(crate) struct Identity {
     pub(crate) coefficients: Vec<f64>,
     pub(crate) size: f64,
+}
+
+/// The fine vertices of an identity, mm, and the unit normals of the face as it is now.
+#[derive(Clone, Copy)]
+pub(crate) struct Iterate<'a> {
+    pub(crate) positions: &'a [Point3],
+    pub(crate) normals: &'a [Vector3],
 }
 
 impl FineModes {
@@ -86,35 +93,36 @@ impl FineModes {
     }
 
     /// One step: improves `identity` and returns the rigid motion of the face that brings it nearest to the goals.
-    /// `positions` are those of the identity's fine vertices, `normals` the current ones.
+    /// How far the goals can be believed is found from their distances, within `error` mm.
     pub(crate) fn step(
         &self,
         template: &Template<'_>,
-        positions: &[Point3],
-        normals: &[Vector3],
+        now: &Iterate<'_>,
         goals: &[Goal],
+        error: &RangeInclusive<f64>,
         identity: &mut Identity,
     ) -> Isometry3 {
         let n = POSE + self.count;
         let stride = (goals.len() / USED_GOALS).max(1);
-        let unit = 1.0 / (INDEPENDENT_AREA * GOAL_ERROR * GOAL_ERROR);
-        let mut matrix = vec![0.0_f64; n * n];
-        let mut right = vec![0.0_f64; n];
-        let mut rows = [vec![0.0_f64; n], vec![0.0; n], vec![0.0; n]];
-        for (i, goal) in goals.iter().enumerate() {
-            // Landmarks come one by one and count each; of the rest one in `stride` stands for its neighbours.
-            let count = if goal.is_landmark { 1 } else { stride };
-            if i % count != 0 {
-                continue;
-            }
+        // Landmarks come one by one and count each; of the rest one in `stride` stands for its neighbours.
+        let used: Vec<(&Goal, f64)> = (goals.iter().enumerate())
+            .filter(|(i, g)| g.is_landmark || i % stride == 0)
+            .map(|(_, g)| (g, if g.is_landmark { 1.0 } else { stride as f64 }))
+            .collect();
+        let Iterate { positions, normals } = *now;
+        let error = goal_error(template, now, &used).clamp(*error.start(), *error.end());
+        let unit = 1.0 / (INDEPENDENT_AREA * error * error);
+        let mut system = NormalEquations::new(n);
+        for (goal, count) in used {
             let v = goal.vertex as usize;
             let (x, normal) = (positions[v].coords, normals[v]);
-            let weight = (goal.weight * template.areas[v] * unit * count as f64).sqrt();
-            let across = goal.slide.sqrt();
-            // The square root of W: along the surface times `across`, along the normal as it is.
-            let weigh =
-                |d: Vector3| (d * across + normal * (normal.dot(&d) * (1.0 - across))) * weight;
+            let weight = template.areas[v] * unit * count;
+            let across = (goal.weight * weight).sqrt();
+            let along = across * goal.slide.sqrt();
+            // The square root of W.
+            let weigh = |d: Vector3| d * along + normal * (normal.dot(&d) * (across - along));
             let residual = weigh(goal.at - positions[v]);
+            let rows = system.rows(&residual);
             let mut put = |i: usize, d: Vector3| {
                 for axis in 0..3 {
                     rows[axis][i] = d[axis];
@@ -130,17 +138,8 @@ impl FineModes {
             for (k, mode) in modes.iter().enumerate() {
                 put(POSE + k, weigh(mode * identity.size));
             }
-            for axis in 0..3 {
-                let row = &rows[axis];
-                for i in 0..n {
-                    let r = row[i];
-                    right[i] += r * residual[axis];
-                    for (m, value) in matrix[i * n..=i * n + i].iter_mut().zip(row) {
-                        *m += r * value;
-                    }
-                }
-            }
         }
+        let (mut matrix, mut right) = system.finish();
         let prior = 1.0 / (SIZE_DEVIATION * SIZE_DEVIATION);
         matrix[6 * n + 6] += prior;
         right[6] -= prior * libm::log(identity.size);
@@ -162,5 +161,87 @@ impl FineModes {
             Translation3::new(step[3], step[4], step[5]),
             UnitQuaternion::from_scaled_axis(Vector3::new(step[0], step[1], step[2])),
         )
+    }
+}
+
+/// Root mean squared distance of the goals an axis, mm.
+fn goal_error(template: &Template<'_>, now: &Iterate<'_>, used: &[(&Goal, f64)]) -> f64 {
+    let (mut square, mut total) = (0.0, 1e-9);
+    for (goal, count) in used {
+        let v = goal.vertex as usize;
+        let weight = template.areas[v] * count;
+        let wrong = goal.at - now.positions[v];
+        let across = now.normals[v].dot(&wrong);
+        let along = wrong.norm_squared() - across * across;
+        square += weight * goal.weight * (goal.slide * along + across * across);
+        total += weight * goal.weight * (2.0 * goal.slide + 1.0);
+    }
+    (square / total).sqrt()
+}
+
+/// Normal equations gathered from rows, [`BLOCK`] at a time: the matrix is read and written that much less often.
+struct NormalEquations {
+    n: usize,
+    /// Lower half by rows of length `n`.
+    matrix: Vec<f64>,
+    right: Vec<f64>,
+    /// Rows that wait, and their right sides.
+    waiting: [Vec<f64>; BLOCK],
+    sides: [f64; BLOCK],
+    filled: usize,
+}
+
+/// Rows that are gathered at a time: three for each of two goals.
+const BLOCK: usize = 6;
+
+impl NormalEquations {
+    fn new(n: usize) -> Self {
+        Self {
+            n,
+            matrix: vec![0.0; n * n],
+            right: vec![0.0; n],
+            waiting: std::array::from_fn(|_| vec![0.0; n]),
+            sides: [0.0; BLOCK],
+            filled: 0,
+        }
+    }
+
+    /// Three rows to be filled, whose right sides are `residual`.
+    fn rows(&mut self, residual: &Vector3) -> &mut [Vec<f64>] {
+        if self.filled == BLOCK {
+            self.gather();
+        }
+        let first = self.filled;
+        self.filled += 3;
+        for axis in 0..3 {
+            self.sides[first + axis] = residual[axis];
+        }
+        &mut self.waiting[first..first + 3]
+    }
+
+    /// Adds the waiting rows' products.
+    fn gather(&mut self) {
+        for k in self.filled..BLOCK {
+            self.waiting[k].fill(0.0);
+        }
+        let n = self.n;
+        for i in 0..n {
+            let [a, b, c, d, e, f] = self.waiting.each_ref().map(|row| &row[..=i]);
+            let [p, q, r, s, t, u] = self.waiting.each_ref().map(|row| row[i]);
+            let out = &mut self.matrix[i * n..=i * n + i];
+            for j in 0..=i {
+                out[j] += (a[j] * p + b[j] * q + c[j] * r) + (d[j] * s + e[j] * t + f[j] * u);
+            }
+            for (row, side) in self.waiting.iter().zip(self.sides) {
+                self.right[i] += row[i] * side;
+            }
+        }
+        self.filled = 0;
+    }
+
+    /// The matrix (lower half, by rows) and the right side.
+    fn finish(mut self) -> (Vec<f64>, Vec<f64>) {
+        self.gather();
+        (self.matrix, self.right)
     }
 }

@@ -20,6 +20,7 @@ mod blur;
 mod cage;
 mod decimate;
 mod error;
+mod expected_error;
 mod eyes;
 mod fit;
 mod folds;

@@ -7,6 +7,8 @@ pub(crate) const NONE: u32 = u32::MAX;
 
 /// Most triangles that a walk over the surface visits.
 const LONGEST_WALK: usize = 24;
+/// Most triangles that are passed by signs alone.
+const SHORT_WALK: usize = 8;
 
 /// For each triangle the neighbours across its edges `(0, 1)`, `(1, 2)`, `(2, 0)`.
 #[derive(Clone, Debug)]
@@ -104,11 +106,56 @@ impl TriangleNeighbors {
         turned
     }
 
-    /// Walks from triangle `start` towards the point nearest to `p`: to the neighbour across the nearest edge for as
-    /// long as that comes closer. Returns the triangle, the point's weights and the squared distance. Cost: the walk.
+    /// Walks from triangle `start` towards the point nearest to `p`. Returns the triangle, the point's weights and the
+    /// squared distance. Cost: the walk.
     pub(crate) fn walk(&self, mesh: &Mesh, start: u32, p: &Point3) -> (u32, [f64; 3], f64) {
+        // What stands over a triangle not far away is found by signs alone.
+        let bound = (mesh.positions[mesh.triangles[start as usize][0] as usize] - p).norm_squared();
+        match self.stroll(mesh, start, p) {
+            Some(found) if found.2 <= bound => found,
+            _ => self.descend(mesh, start, p),
+        }
+    }
+
+    /// From triangle to triangle across the edge that `p` is furthest beyond, until it stands over one.
+    fn stroll(&self, mesh: &Mesh, start: u32, p: &Point3) -> Option<(u32, [f64; 3], f64)> {
+        let mut t = start;
+        for _ in 0..SHORT_WALK {
+            let [a, b, c] = mesh.triangles[t as usize].map(|v| mesh.positions[v as usize]);
+            let (ab, ac, ap) = (b - a, c - a, p - a);
+            let normal = ab.cross(&ac);
+            let square = normal.norm_squared();
+            let v = ap.cross(&ac).dot(&normal);
+            let w = ab.cross(&ap).dot(&normal);
+            let u = square - v - w;
+            if square <= 0.0 {
+                return None;
+            }
+            if u >= 0.0 && v >= 0.0 && w >= 0.0 {
+                let height = ap.dot(&normal);
+                let weights = [u / square, v / square, w / square];
+                return Some((t, weights, height * height / square));
+            }
+            // Edge `k` lies opposite corner `k + 2`.
+            let edge = if u < v && u < w {
+                1
+            } else if v < w {
+                2
+            } else {
+                0
+            };
+            t = self.across[t as usize][edge];
+            if t == NONE {
+                return None;
+            }
+        }
+        None
+    }
+
+    /// To the neighbour across the nearest edge for as long as that comes closer.
+    fn descend(&self, mesh: &Mesh, start: u32, p: &Point3) -> (u32, [f64; 3], f64) {
         let look = |t: u32| {
-            let corners = mesh.corners(t as usize);
+            let corners = mesh.triangles[t as usize].map(|v| mesh.positions[v as usize]);
             let w = closest_barycentric(p, &corners);
             let q = corners[0].coords * w[0] + corners[1].coords * w[1] + corners[2].coords * w[2];
             (w, (q - p.coords).norm_squared())

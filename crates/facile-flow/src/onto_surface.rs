@@ -46,11 +46,19 @@ pub(crate) fn settle(
 ) -> Result<Settled, FlowError> {
     let Shape { cage, starts, .. } = shape;
     let steps = params.surface_smoothing_mm.len().max(1) as f64;
+    let mut beyond = vec![false; template.skin.len()];
     for (k, &length) in params.surface_smoothing_mm.iter().enumerate() {
         let reach = REACH * (1.0 - 0.5 * k as f64 / steps);
         let fine = template.fine(cage);
         let normals = facile_core::mesh::vertex_normals(&fine, &template.reference.mesh.triangles);
-        let contacts = contacts(template, scan, &fine, &normals, starts, reach);
+        let contacts = contacts(
+            template,
+            scan,
+            (&fine, &normals),
+            starts,
+            &mut beyond,
+            reach,
+        );
         let targets: Vec<Target> = contacts
             .iter()
             .enumerate()
@@ -72,7 +80,14 @@ pub(crate) fn settle(
     }
     let fine = template.fine(cage);
     let normals = facile_core::mesh::vertex_normals(&fine, &template.reference.mesh.triangles);
-    let found = contacts(template, scan, &fine, &normals, starts, MAX_OFFSET);
+    let found = contacts(
+        template,
+        scan,
+        (&fine, &normals),
+        starts,
+        &mut beyond,
+        MAX_OFFSET,
+    );
     let offsets = spread_offsets(template, &found);
     let positions = fine
         .iter()
@@ -89,20 +104,23 @@ pub(crate) fn settle(
     })
 }
 
-/// The scan's trusted point for every fine vertex.
+/// The scan's trusted point for every fine vertex. Vertices that find no surface at all are marked as `beyond` it and
+/// asked no more, since the reach only shrinks.
 fn contacts(
     template: &Template<'_>,
     scan: &WorkingScan<'_>,
-    fine: &[Point3],
-    normals: &[Vector3],
+    (fine, normals): (&[Point3], &[Vector3]),
     starts: &mut [u32],
+    beyond: &mut [bool],
     reach: f64,
 ) -> Vec<Option<Offset>> {
-    let one = |(v, start): (usize, &mut u32)| {
-        if template.skin[v] <= 0.0 {
+    let one = |(v, (start, beyond)): (usize, (&mut u32, &mut bool))| {
+        if template.skin[v] <= 0.0 || *beyond {
             return None;
         }
-        let hit = scan.nearest_from(*start, &fine[v], &normals[v], reach)?;
+        let hit = scan.nearest_from(*start, &fine[v], &normals[v], reach);
+        *beyond = hit.is_none();
+        let hit = hit?;
         let same = hit.normal.dot(&normals[v]);
         if same < SAME_SIDE || scan.is_on_border(&hit) {
             return None;
@@ -117,7 +135,12 @@ fn contacts(
                 * (1.0 - far * far),
         })
     };
-    starts.par_iter_mut().enumerate().map(one).collect()
+    starts
+        .par_iter_mut()
+        .zip(beyond)
+        .enumerate()
+        .map(one)
+        .collect()
 }
 
 /// Offsets of all fine vertices: trusted ones keep theirs, lightly smoothed; others take their neighbours', fading.

@@ -5,6 +5,7 @@ use std::time::Instant;
 use facile_core::io::Scan;
 use facile_core::{Attributes, IdentityModel, Point3, ReferenceHead, Similarity3, Subject};
 
+use crate::expected_error::expected_error;
 use crate::fit::{Shape, fit_shape};
 use crate::identity_fit::FineModes;
 use crate::landmarks::ScanLandmarks;
@@ -148,7 +149,7 @@ impl<'a> Registrar<'a> {
             pose_from_landmarks(&on_reference, &on_scan, &params.normalise)?
         };
         clock.stop("normalise");
-        let mut scan = WorkingScan::new(cleaned, input.texture.as_ref(), &pose.head_from_scan)?;
+        let mut scan = WorkingScan::new(cleaned, input.texture.as_ref(), &pose.head_from_scan);
         clock.stop("prepare");
         let mut shape = fit_shape(
             template,
@@ -271,41 +272,4 @@ pub fn register(
     params: &RegistrationParams,
 ) -> Result<Registration, FlowError> {
     Registrar::new(reference, params.clone())?.register(scan)
-}
-
-/// Expected error of each fine vertex, mm.
-///
-/// What the flow decided, averaged over some centimetres of skin: a flat cheek lies as far off as its distance to the
-/// nearest feature lets it. Skin without scan surface follows its surroundings and errs more. The constants are a
-/// least-squares fit on people of the identity model, see `examples/known_scans.rs`.
-fn expected_error(template: &Template<'_>, shape: &Shape, settled: &Settled) -> Vec<f32> {
-    /// Sweeps of averaging: a standard deviation of about 15 mm on the face.
-    const SWEEPS: usize = 150;
-    const LEAST: f64 = 0.1;
-    const FLAT: f64 = 1.2;
-    const UNSEEN: f64 = 3.0;
-    let n = settled.positions.len();
-    let mut known: Vec<[f64; 2]> = (0..n)
-        .map(|v| {
-            let unseen = settled.residual[v].is_none() && template.skin[v] > 0.0;
-            [shape.evidence[v].confidence, f64::from(u8::from(unseen))]
-        })
-        .collect();
-    for _ in 0..SWEEPS {
-        known = (0..n)
-            .map(|v| {
-                let neighbors = template.adjacency.of(v);
-                let half = 0.5 / neighbors.len().max(1) as f64;
-                let mut mean = known[v].map(|k| 0.5 * k);
-                for u in neighbors {
-                    let k = known[*u as usize];
-                    mean = [mean[0] + half * k[0], mean[1] + half * k[1]];
-                }
-                mean
-            })
-            .collect();
-    }
-    (known.iter())
-        .map(|[decided, unseen]| (LEAST + FLAT * (1.0 - decided) + UNSEEN * unseen) as f32)
-        .collect()
 }

@@ -33,8 +33,9 @@ pub(crate) struct WorkingScan<'a> {
     pub(crate) neighbors: TriangleNeighbors,
     /// Vertices on the scan's borders.
     pub(crate) on_border: Vec<bool>,
-    /// The surface where the scan was first; `moved` brings it here.
+    /// The surface where the scan was first, and its vertices there; `moved` brings it here.
     surface: Surface,
+    first_positions: Vec<Point3>,
     moved: Isometry3,
     first_from_scan: Similarity3,
 }
@@ -120,7 +121,7 @@ impl<'a> WorkingScan<'a> {
         clean: CleanScan,
         texture: Option<&'a Texture>,
         head_from_scan: &Similarity3,
-    ) -> Result<Self, FlowError> {
+    ) -> Self {
         let CleanScan {
             mut mesh,
             mut normals,
@@ -132,12 +133,9 @@ impl<'a> WorkingScan<'a> {
         for n in &mut normals {
             *n = head_from_scan.isometry.rotation * *n;
         }
-        let surface = Surface::new(&mesh, normals.clone()).ok_or(FlowError::TooFewTriangles {
-            triangles: mesh.triangles.len(),
-            needed: MIN_TRIANGLES,
-        })?;
-        Ok(Self {
-            surface,
+        Self {
+            surface: Surface::new(&mesh.positions, &mesh.triangles),
+            first_positions: mesh.positions.clone(),
             operators: vertex_operators(&mesh, &normals),
             on_border: neighbors.border_vertices(mesh.positions.len(), &mesh.triangles),
             mesh,
@@ -146,7 +144,7 @@ impl<'a> WorkingScan<'a> {
             texture,
             moved: Isometry3::identity(),
             first_from_scan: *head_from_scan,
-        })
+        }
     }
 
     /// Brings the scan file's coordinates into the head frame as it is now.
@@ -156,15 +154,28 @@ impl<'a> WorkingScan<'a> {
 
     /// The scan's point nearest to `p` within `reach` mm. Cost O(log n).
     pub(crate) fn nearest(&self, p: &Point3, reach: f64) -> Option<Contact> {
-        let hit = self
-            .surface
-            .nearest(&self.moved.inverse_transform_point(p), reach)?;
-        Some(Contact {
-            point: self.moved * hit.point,
-            normal: self.moved.rotation * self.surface.normal(&hit),
-            triangle: hit.triangle,
-            barycentric: hit.barycentric,
-        })
+        let hit = self.surface.nearest(
+            &self.first_positions,
+            &self.mesh.triangles,
+            &self.moved.inverse_transform_point(p),
+            reach,
+        )?;
+        Some(self.contact(hit.triangle, hit.barycentric))
+    }
+
+    fn contact(&self, triangle: u32, barycentric: [f64; 3]) -> Contact {
+        let corners = self.mesh.triangles[triangle as usize].map(|v| v as usize);
+        let (mut point, mut normal) = (Vector3::zeros(), Vector3::zeros());
+        for (v, w) in corners.into_iter().zip(barycentric) {
+            point += self.mesh.positions[v].coords * w;
+            normal += self.normals[v] * w;
+        }
+        Contact {
+            point: Point3::from(point),
+            normal: (normal.try_normalize(1e-12)).unwrap_or(self.normals[corners[0]]),
+            triangle,
+            barycentric,
+        }
     }
 
     /// As [`Self::nearest`], by a walk from triangle `start`, if it ends within `reach` on a surface that faces `normal`;
@@ -179,20 +190,8 @@ impl<'a> WorkingScan<'a> {
         if start != NONE {
             let (triangle, barycentric, square) = self.neighbors.walk(&self.mesh, start, p);
             if square < reach * reach {
-                let corners = self.mesh.triangles[triangle as usize].map(|v| v as usize);
-                let (mut point, mut sum) = (Vector3::zeros(), Vector3::zeros());
-                for (v, w) in corners.into_iter().zip(barycentric) {
-                    point += self.mesh.positions[v].coords * w;
-                    sum += self.normals[v] * w;
-                }
-                let there = sum.try_normalize(1e-12).unwrap_or(self.normals[corners[0]]);
-                let contact = Contact {
-                    point: Point3::from(point),
-                    normal: there,
-                    triangle,
-                    barycentric,
-                };
-                if there.dot(normal) > 0.5 && !self.is_on_border(&contact) {
+                let contact = self.contact(triangle, barycentric);
+                if contact.normal.dot(normal) > 0.5 && !self.is_on_border(&contact) {
                     return Some(contact);
                 }
             }

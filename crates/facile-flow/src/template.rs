@@ -21,6 +21,8 @@ pub(crate) struct Template<'a> {
     pub(crate) slit: Slit,
     /// Neighbours on the fine mesh.
     pub(crate) adjacency: Adjacency,
+    /// Neighbours on the cage.
+    pub(crate) cage_adjacency: Adjacency,
     /// How far each fine triangle takes part in the flow, `[0, 1]`.
     pub(crate) flow_trust: Vec<f32>,
     /// How far each fine vertex may be drawn to the scan's surface, `[0, 1]`: 0 inside mouth and sockets.
@@ -53,6 +55,10 @@ impl<'a> Template<'a> {
             reference,
             cage_fit: CageFit::new(reference)?,
             adjacency,
+            cage_adjacency: Adjacency::from_faces(
+                reference.cage.positions.len(),
+                &reference.cage.faces,
+            ),
             flow_trust,
             face: (mesh.positions.iter().zip(&skin))
                 .map(|(p, skin)| in_front(p) && *skin > 0.0)

@@ -79,6 +79,7 @@ pub fn settings() -> Vec<(&'static str, String, RegistrationParams)> {
         all.push(("variant", name.to_owned(), params));
     };
     variant("all", &|_| {});
+    variant("coarse", &|p| *p = RegistrationParams::coarse());
     variant("nearest points and modes only", &|p| p.smoothing_mm.clear());
     variant("no identity model", &|p| p.use_identity = false);
     variant("eq. 3 in each cell alone", &|p| p.flow.smoothness = 0.0);

@@ -177,12 +177,12 @@ fn robust_box(mesh: &Mesh, scale: f64) -> (Vector3, Vector3) {
         let mut values: Vec<f64> = (mesh.triangles.iter())
             .map(|t| mesh.positions[t[0] as usize][axis] * scale)
             .collect();
-        values.sort_unstable_by(f64::total_cmp);
         let n = values.len();
+        let mut ranked = |rank: usize| *values.select_nth_unstable_by(rank, f64::total_cmp).1;
         let (a, b) = if n == 0 {
             (0.0, 0.0)
         } else {
-            (values[n / 100], values[n - 1 - n / 100])
+            (ranked(n / 100), ranked(n - 1 - n / 100))
         };
         let half = (0.5 * (b - a) + REACH).min(0.5 * LARGEST_BOX);
         low[axis] = 0.5 * (a + b) - half;

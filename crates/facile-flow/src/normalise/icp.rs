@@ -1,33 +1,18 @@
 //! Trimmed iterative closest point: places the reference's face on a scan.
 
-use facile_core::{Point3, Similarity3, UnitQuaternion, Vector3};
+use facile_core::{Matrix3, Point3, Similarity3, UnitQuaternion, Vector3};
 use nalgebra::{SMatrix, SVector, Translation3};
 
 use super::cubes::Cubes;
-use crate::surface::Surface;
 
-/// What a pose can be refined against: a surface, or its even points where speed counts.
-pub(crate) trait Target {
-    /// A point of the surface near `p`, and the unit normal there; `None` if it is further than `reach` mm.
-    fn nearest(&self, p: &Point3, reach: f64) -> Option<(Point3, Vector3)>;
-}
-
-impl Target for Surface {
-    fn nearest(&self, p: &Point3, reach: f64) -> Option<(Point3, Vector3)> {
-        let hit = Surface::nearest(self, p, reach)?;
-        Some((hit.point, self.normal(&hit)))
-    }
-}
-
-impl Target for Cubes {
-    fn nearest(&self, p: &Point3, reach: f64) -> Option<(Point3, Vector3)> {
-        let (point, normal) = Cubes::nearest(self, p)?;
-        // The foot on the point's plane: the points are too sparse to be distances.
-        let foot = p - normal * normal.dot(&(p - point));
-        let near = (foot - point).norm() < 2.0 * super::cubes::SIDE;
-        let point = if near { foot } else { point };
-        ((point - p).norm() <= reach).then_some((point, normal))
-    }
+/// A point of the surface near `p`, and the unit normal there; `None` if it is further than `reach` mm.
+fn nearest(scan: &Cubes, p: &Point3, reach: f64) -> Option<(Point3, Vector3)> {
+    let (point, normal) = scan.nearest(p)?;
+    // The foot on the point's plane: the points are too sparse to be distances.
+    let foot = p - normal * normal.dot(&(p - point));
+    let near = (foot - point).norm() < 2.0 * super::cubes::SIDE;
+    let point = if near { foot } else { point };
+    ((point - p).norm() <= reach).then_some((point, normal))
 }
 
 /// Points of the reference's face with normals, reference frame.
@@ -83,13 +68,13 @@ struct Pair {
 
 fn pairs(
     face: &FacePoints,
-    scan: &impl Target,
+    scan: &Cubes,
     pose: &Similarity3,
     reach: f64,
 ) -> impl Iterator<Item = Option<Pair>> {
     (face.points.iter()).zip(&face.normals).map(move |(p, n)| {
         let from = pose * p;
-        let (to, normal) = scan.nearest(&from, reach)?;
+        let (to, normal) = nearest(scan, &from, reach)?;
         let cosine = normal.dot(&(pose.isometry.rotation * n));
         if cosine < 0.5 {
             return None;
@@ -106,12 +91,7 @@ fn pairs(
 }
 
 /// Scores a pose; points without surface within `reach` mm count as that far. Cost O(n log m).
-pub(crate) fn score(
-    face: &FacePoints,
-    scan: &impl Target,
-    pose: &Similarity3,
-    reach: f64,
-) -> PoseScore {
+pub(crate) fn score(face: &FacePoints, scan: &Cubes, pose: &Similarity3, reach: f64) -> PoseScore {
     let (mut found, mut square, mut total, mut turned) = (0.0, 0.0, 0.0, 0.0);
     for pair in pairs(face, scan, pose, reach) {
         total += 1.0;
@@ -136,7 +116,7 @@ pub(crate) fn score(
 /// Source: Chen and Medioni 1992 (planes); Chetverikov et al. 2002 (trimming).
 pub(crate) fn refine(
     face: &FacePoints,
-    scan: &impl Target,
+    scan: &Cubes,
     mut pose: Similarity3,
     iterations: usize,
     reach: f64,
@@ -158,6 +138,9 @@ pub(crate) fn refine(
     pose
 }
 
+/// Weight of the plain distance of a pair against that along the normal.
+const PLAIN: f64 = 0.05;
+
 /// Least-squares step of rotation, translation and size about the pairs' centre.
 fn gauss_newton_step(pairs: &[Pair], pose: &Similarity3) -> Option<Similarity3> {
     let n = pairs.len() as f64;
@@ -167,31 +150,44 @@ fn gauss_newton_step(pairs: &[Pair], pose: &Similarity3) -> Option<Similarity3> 
         / n;
     let mut matrix = SMatrix::<f64, 7, 7>::zeros();
     let mut right = SVector::<f64, 7>::zeros();
+    let (mut spread, mut plain) = (Matrix3::zeros(), SVector::<f64, 7>::zeros());
     for pair in pairs {
-        let arm = pair.from.coords - center;
-        let turn = arm.cross(&pair.normal);
-        // Planes slide freely: a little of the plain distance keeps the pose from drifting along flat cheeks.
-        for (axis, weight) in [
-            (pair.normal, 1.0),
-            (Vector3::x(), 0.05),
-            (Vector3::y(), 0.05),
-            (Vector3::z(), 0.05),
-        ] {
-            let turn = if weight < 1.0 { arm.cross(&axis) } else { turn };
-            let row = SVector::<f64, 7>::from([
-                turn.x,
-                turn.y,
-                turn.z,
-                axis.x,
-                axis.y,
-                axis.z,
-                arm.dot(&axis),
-            ]);
-            let residual = axis.dot(&(pair.to - pair.from));
-            matrix += row * row.transpose() * weight;
-            right += row * (residual * weight);
-        }
+        let (arm, axis, wrong) = (pair.from.coords - center, pair.normal, pair.to - pair.from);
+        let turn = arm.cross(&axis);
+        let row = SVector::<f64, 7>::from([
+            turn.x,
+            turn.y,
+            turn.z,
+            axis.x,
+            axis.y,
+            axis.z,
+            arm.dot(&axis),
+        ]);
+        matrix += row * row.transpose();
+        right += row * axis.dot(&wrong);
+        spread += arm * arm.transpose();
+        let twist = arm.cross(&wrong);
+        plain += SVector::<f64, 7>::from([
+            twist.x,
+            twist.y,
+            twist.z,
+            wrong.x,
+            wrong.y,
+            wrong.z,
+            arm.dot(&wrong),
+        ]);
     }
+    // Planes slide freely: a little of the plain distance keeps the pose from drifting along flat cheeks. About the
+    // centre its rotation, translation and size do not mix.
+    let inertia = Matrix3::identity() * spread.trace() - spread;
+    for i in 0..3 {
+        for j in 0..3 {
+            matrix[(i, j)] += PLAIN * inertia[(i, j)];
+        }
+        matrix[(3 + i, 3 + i)] += PLAIN * n;
+    }
+    matrix[(6, 6)] += PLAIN * spread.trace();
+    right += plain * PLAIN;
     // Prior of size, with the weight that 2 mm of noise per pair gives it.
     let prior = n * 4.0 / (SIZE_DEVIATION * SIZE_DEVIATION) / 100.0;
     matrix[(6, 6)] += prior;

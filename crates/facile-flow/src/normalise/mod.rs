@@ -392,12 +392,12 @@ fn robust_diagonal(mesh: &Mesh) -> f64 {
             .filter(|(_, u)| **u)
             .map(|(p, _)| p[axis])
             .collect();
-        values.sort_unstable_by(f64::total_cmp);
         let n = values.len();
         if n == 0 {
             return 0.0;
         }
-        values[n - 1 - n / 50] - values[n / 50]
+        let mut ranked = |rank: usize| *values.select_nth_unstable_by(rank, f64::total_cmp).1;
+        ranked(n - 1 - n / 50) - ranked(n / 50)
     };
     Vector3::new(spread(0), spread(1), spread(2)).norm()
 }
