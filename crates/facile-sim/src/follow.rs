@@ -9,7 +9,6 @@ use facile_core::subdivision::Stencils;
 use facile_core::{Point3, ReferenceHead};
 
 use crate::SimError;
-use crate::simd::Lanes;
 use crate::sparse::{Factor, Pattern};
 use crate::vector::{V3, ZERO, add_scaled, from_point, norm, sub, to_vector};
 
@@ -24,7 +23,7 @@ pub(crate) struct Follow {
     /// For each of them, neighbours that are not passive and their weights.
     rim: Vec<Vec<(u32, f64)>>,
     pattern: Pattern,
-    factor: Factor<Lanes>,
+    factor: Factor,
     stencils: Stencils,
 }
 

@@ -8,7 +8,6 @@
 
 use crate::SimError;
 use crate::layers::{Layers, area_vector};
-use crate::simd::Lanes;
 use crate::sparse::{Factor, Pattern};
 use crate::vector::{V3, add, norm, scale};
 
@@ -149,7 +148,7 @@ impl SkullGrid {
             total += s.weight;
         }
         self.smooth(&mut matrix, total);
-        let mut factor = Factor::<Lanes>::new(&self.pattern);
+        let mut factor = Factor::new(&self.pattern);
         factor.refactor_one(&self.pattern, "skull field", &matrix)?;
         factor.solve(&self.pattern, &mut right);
         field.coefficients = right.iter().map(|r| r[0]).collect();

@@ -22,10 +22,13 @@ pub struct Certificate {
     pub max_penetration_mm: f64,
     /// Largest overlap of the lips, mm, beyond that at rest: they press on each other like soft flesh.
     pub lip_overlap_mm: f64,
-    /// Prisms of the skin that are turned inside out.
+    /// Prisms of the skin that are turned inside out, apart from slivers: those below a hundredth of the mean volume.
     pub inverted_elements: usize,
     /// Triangles of the skin that face the other way than at rest.
     pub flipped_triangles: usize,
+    /// Smallest pivot of the solver's last factor, over the stiffness of a relaxed fascia spring: how far the matrix is
+    /// from singular. 0 for solvers without a factor and for the face at rest.
+    pub smallest_pivot: f64,
     /// Iterations of the solver, all steps of the path together.
     pub iterations: usize,
     /// Elastic energy (springs, attachments, shape, volume), in the units of Table 1 and mm.
@@ -42,6 +45,7 @@ impl Certificate {
             lip_overlap_mm: load.contacts.lip_overlap(x),
             inverted_elements: load.model.elements.inverted(x),
             flipped_triangles: flipped(load, x),
+            smallest_pivot: outcome.smallest_pivot / load.model.params.fascia_stiffness,
             iterations: outcome.iterations,
             energy: assessed.energy,
         }
@@ -67,6 +71,7 @@ pub(crate) fn assess(load: &Load<'_>, x: &[V3]) -> Outcome {
         iterations: 0,
         converged: true,
         energy,
+        smallest_pivot: 0.0,
     }
 }
 

@@ -3,14 +3,11 @@
 //! Masses are the stiffness at each node, so that every node can take about the same time step. Contact is that of
 //! Verlet. Source: Bitzek et al., Structural relaxation made simple, 2006, with the constants given there.
 
+use super::Outcome;
 use super::certificate::residual;
-use super::quasi_static::{carry, path_steps};
-use super::{Outcome, SolverParams};
-use crate::SimError;
-use crate::elements::MOST_STIFFENING;
+use crate::elements::Volume;
 use crate::load::Load;
-use crate::model::FaceModel;
-use crate::pose::Pose;
+use crate::simd::LANES;
 use crate::springs::ends;
 use crate::vector::{V3, ZERO, add_scaled, dot, scale};
 
@@ -22,58 +19,34 @@ const MIN_STEP: f64 = 0.02;
 const FIRST_STEP: f64 = 0.3;
 /// Steps downhill before the time step grows.
 const PATIENCE: usize = 5;
+/// A prism's six nodes move against each other: its stiffness counts this many times for each.
+const PAIRED: f64 = 6.0;
 const GROW: f64 = 1.1;
 const SHRINK: f64 = 0.5;
 const MIX: f64 = 0.1;
 const MIX_FADES: f64 = 0.99;
 /// Steps between checks of the residual.
 const CHECK: usize = 10;
+/// Steps between weighings: prisms that are squeezed stiffen on the way.
+const WEIGH: usize = 50;
+/// How much looser than the last step of the path the others are solved.
+const PATH_LOOSENESS: f64 = 100.0;
 /// Checks without a smaller residual after which the longest step is halved: some spring is stiffer than its nodes' masses
 /// allow for.
 const STUCK: usize = 40;
 /// Contact counts as touching within this distance, mm.
 const TOUCH_MM: f64 = 1e-6;
 
-/// The equilibrium of a pose.
-pub(crate) fn solve(
-    model: &FaceModel,
-    pose: &Pose,
-    params: &SolverParams,
-) -> Result<(Vec<V3>, Outcome), SimError> {
-    let steps = path_steps(pose, params);
-    let mut x = model.rest.clone();
-    let mut carried = model.rest.clone();
-    let mut iterations = 0;
-    let mut outcome = None;
-    for step in 1..=steps {
-        let last = step == steps;
-        let here = if last {
-            pose.clone()
-        } else {
-            pose.scaled(step as f64 / steps as f64)
-        };
-        let load = Load::new(model, &here)?;
-        carry(&mut x, &carried, &load);
-        carried.clone_from(&load.carried);
-        let looseness = if last { 1.0 } else { 100.0 };
-        let budget = params.max_iterations.saturating_sub(iterations);
-        let result = relax(&load, &mut x, params.tolerance * looseness, budget);
-        iterations += result.iterations;
-        outcome = Some(Outcome {
-            iterations,
-            ..result
-        });
-    }
-    Ok((x, outcome.expect("at least one step")))
-}
-
-fn relax(load: &Load<'_>, x: &mut [V3], tolerance: f64, budget: usize) -> Outcome {
-    let moving = &load.model.template.moving;
-    let mobility: Vec<f64> = node_stiffness(load)
-        .iter()
-        .zip(moving)
-        .map(|(k, m)| if *m { 1.0 / k.max(1e-9) } else { 0.0 })
-        .collect();
+/// Moves the nodes to rest. Steps of the path before the last are taken loosely.
+pub(crate) fn relax(
+    load: &Load<'_>,
+    x: &mut [V3],
+    tolerance: f64,
+    budget: usize,
+    is_last: bool,
+) -> Outcome {
+    let tolerance = tolerance * if is_last { 1.0 } else { PATH_LOOSENESS };
+    let mut mobility = Vec::new();
     let mut velocity = vec![ZERO; x.len()];
     let mut gradient = vec![ZERO; x.len()];
     let (mut dt, mut mix, mut downhill) = (FIRST_STEP, MIX, 0);
@@ -83,11 +56,15 @@ fn relax(load: &Load<'_>, x: &mut [V3], tolerance: f64, budget: usize) -> Outcom
         iterations: 0,
         converged: false,
         energy: f64::INFINITY,
+        smallest_pivot: 0.0,
     };
     load.contacts.project(x, &mut velocity);
     while out.iterations < budget {
         out.energy = load.energy(x, &mut gradient);
         load.contacts.balance(x, TOUCH_MM, &mut gradient);
+        if out.iterations.is_multiple_of(WEIGH) {
+            mobility = mobilities(load, x);
+        }
         if out.iterations.is_multiple_of(CHECK) {
             out.residual = residual(load, x, &mut gradient, TOUCH_MM);
             out.converged = out.residual <= tolerance;
@@ -143,8 +120,8 @@ fn relax(load: &Load<'_>, x: &mut [V3], tolerance: f64, budget: usize) -> Outcom
     out
 }
 
-/// Sum of the stiffness of everything that holds a node.
-fn node_stiffness(load: &Load<'_>) -> Vec<f64> {
+/// One over the stiffness of everything that holds a node at `x`; 0 for nodes that do not move.
+fn mobilities(load: &Load<'_>, x: &[V3]) -> Vec<f64> {
     let model = load.model;
     let n = load.attachment.len();
     let mut k = vec![0.0; 2 * n];
@@ -159,16 +136,15 @@ fn node_stiffness(load: &Load<'_>) -> Vec<f64> {
         k[n + i] += model.springs.vertical_stiffness + hold;
     }
     let elements = &model.elements;
-    for (nodes, (kappa, volume)) in elements
-        .nodes
-        .iter()
-        .zip(elements.kappa.iter().zip(&elements.volume))
-    {
-        // A node's slope of the volume is about a third of the area, volume over height.
-        let slope = libm::pow(volume.abs() / 3.0, 2.0 / 3.0);
-        for &i in nodes {
-            k[i as usize] += elements.shape_stiffness + MOST_STIFFENING * kappa * slope * slope;
+    for (e, nodes) in elements.nodes.iter().enumerate() {
+        let volume = Volume::of(&nodes.map(|i| x[i as usize]));
+        let kappa = elements.groups[e / LANES].stiffening(e % LANES, volume.value);
+        for (&i, slope) in nodes.iter().zip(volume.gradient()) {
+            k[i as usize] += elements.shape_stiffness + PAIRED * kappa * dot(slope, slope);
         }
     }
-    k
+    k.iter()
+        .zip(&model.template.moving)
+        .map(|(k, m)| if *m { 1.0 / k.max(1e-9) } else { 0.0 })
+        .collect()
 }

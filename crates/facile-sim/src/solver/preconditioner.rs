@@ -112,6 +112,11 @@ impl Preconditioner {
         }
     }
 
+    /// Smallest pivot of the last factor.
+    pub(crate) fn smallest_pivot(&self) -> f64 {
+        f64::from(self.factor.smallest)
+    }
+
     /// Assembles the matrix at `x`.
     pub(crate) fn assemble(&mut self, load: &Load<'_>, x: &[V3]) {
         let system = &load.model.template.pattern;
@@ -287,4 +292,62 @@ fn cut_rows(m: &mut M3, n: V3) {
 fn cut_columns(m: &mut M3, n: V3) {
     let along = rotate(m, n);
     add_outer(m, along, n, -1.0);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{FaceRig, MuscleSet, Pose};
+    use facile_core::ReferenceHead;
+
+    #[test]
+    fn at_rest_the_matrix_is_the_hessian_and_its_factor_inverts_it() {
+        let reference = ReferenceHead::embedded();
+        let rig = FaceRig::new(reference, MuscleSet::embedded()).expect("built in");
+        let model = rig
+            .model(reference, &crate::mean_subject(reference))
+            .expect("the mean head");
+        let load = Load::new(&model, &Pose::default()).expect("neutral");
+        let system = &model.template.pattern;
+        let mut matrix = Preconditioner::new(system);
+        matrix.assemble(&load, &model.rest);
+        let v: Vec<V3> = (0..model.rest.len())
+            .map(|i| {
+                let moves = f64::from(u8::from(model.template.moving[i]));
+                [0.3, 1.7, 2.9].map(|f| moves * libm::sin(f * i as f64 + f))
+            })
+            .collect();
+        let mut product = vec![ZERO; v.len()];
+        for ([a, b], block) in system.pattern.pairs().zip(&matrix.matrix) {
+            let [a, b] = [a, b].map(|row| system.nodes[row as usize] as usize);
+            product[b] = add_scaled(product[b], rotate(block, v[a]), 1.0);
+            if a != b {
+                product[a] = add_scaled(product[a], rotate_back(block, v[b]), 1.0);
+            }
+        }
+        let slope = |t: f64| {
+            let moved = model.rest.iter().zip(&v);
+            let y: Vec<V3> = moved.map(|(p, v)| add_scaled(*p, *v, t)).collect();
+            let mut gradient = vec![ZERO; y.len()];
+            load.energy(&y, &mut gradient);
+            gradient
+        };
+        // Fourth order in the step.
+        let [a, b, c, d] = [1e-4, -1e-4, 2e-4, -2e-4].map(slope);
+        let size = product.iter().map(|p| norm(*p)).fold(0.0, f64::max);
+        for i in (0..v.len()).filter(|i| model.template.moving[*i]) {
+            for k in 0..3 {
+                let measured = (8.0 * (a[i][k] - b[i][k]) - (c[i][k] - d[i][k])) / 12e-4;
+                let away = (measured - product[i][k]).abs();
+                assert!(away < 1e-8 * size, "node {i}: {measured} {}", product[i][k]);
+            }
+        }
+        let free = vec![ZERO; v.len()];
+        matrix.factor(system, &free).expect("positive");
+        let mut back = vec![ZERO; v.len()];
+        matrix.descend(system, &product, &mut back);
+        for (p, v) in back.iter().zip(&v) {
+            assert!(norm(add_scaled(*p, *v, 1.0)) < 0.02);
+        }
+    }
 }

@@ -16,8 +16,9 @@ use crate::vector::{V3, add, add_scaled, dot, norm, sub};
 
 /// Iterations after which the matrix is made anew.
 const REFACTOR_AFTER: usize = 10;
-/// How much looser than the last step the others are solved.
-const PATH_LOOSENESS: f64 = 50_000.0;
+/// Relative residual to which steps of the path before the last are solved. Ten times as loose, one wink in thirty ends
+/// in another equilibrium.
+const PATH_RESIDUAL: f64 = 1.0;
 
 /// A walk along the path of a pose, from neutral to full intensity and beyond.
 pub(crate) struct Walk<'a> {
@@ -71,12 +72,16 @@ impl<'a> Walk<'a> {
                     *p = add_scaled(*p, *w, if *moves { growth } else { 0.0 });
                 }
             }
-            let looseness = if last { 1.0 } else { PATH_LOOSENESS };
+            let tolerance = if last {
+                params.tolerance
+            } else {
+                params.tolerance.max(PATH_RESIDUAL)
+            };
             let mut stage = Stage {
                 load: &load,
                 preconditioner: &mut scratch.preconditioner,
                 lbfgs: &mut scratch.lbfgs,
-                tolerance: params.tolerance * looseness,
+                tolerance,
                 budget: params
                     .max_iterations
                     .saturating_sub(self.iterations - before),
@@ -192,6 +197,7 @@ impl Stage<'_, '_> {
         let contacts = &self.load.contacts;
         let mut iterations = 0;
         let mut since = usize::MAX;
+        let mut smallest_pivot = 0.0;
         self.lbfgs.reset();
         let (converged, residual) = loop {
             contacts.resting(x, &gradient, &problem.clearance, &mut problem.normals);
@@ -212,6 +218,7 @@ impl Stage<'_, '_> {
             if fresh {
                 let system = &self.load.model.template.pattern;
                 problem.preconditioner.factor(system, &problem.normals)?;
+                smallest_pivot = problem.preconditioner.smallest_pivot();
             }
             let normals = problem.normals.clone();
             let step = self
@@ -233,6 +240,7 @@ impl Stage<'_, '_> {
             iterations,
             converged,
             energy,
+            smallest_pivot,
         })
     }
 }

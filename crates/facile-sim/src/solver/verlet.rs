@@ -5,13 +5,9 @@
 //! end in the same equilibrium where there are several. The step follows the stiffest motion, measured again and again on
 //! the way, and halves when the energy jumps or the motion does not die down.
 
+use super::Outcome;
 use super::certificate::residual;
-use super::quasi_static::{carry, path_steps};
-use super::{Outcome, SolverParams};
-use crate::SimError;
 use crate::load::Load;
-use crate::model::FaceModel;
-use crate::pose::Pose;
 use crate::vector::{V3, ZERO, add, add_scaled, dot, norm, scale};
 
 /// Share of the stability limit `2 / omega` that a step takes.
@@ -27,45 +23,25 @@ const PATIENCE: usize = 60;
 /// Contact counts as touching within this distance, mm.
 const TOUCH_MM: f64 = 1e-3;
 
-/// The equilibrium of a pose.
-pub(crate) fn solve(
-    model: &FaceModel,
-    pose: &Pose,
-    params: &SolverParams,
-) -> Result<(Vec<V3>, Outcome), SimError> {
-    let steps = path_steps(pose, params);
+/// Moves the nodes to rest. On each step of the path before the last a few time steps are enough.
+pub(crate) fn relax(
+    load: &Load<'_>,
+    x: &mut [V3],
+    tolerance: f64,
+    budget: usize,
+    is_last: bool,
+) -> Outcome {
+    let budget = if is_last { budget } else { PATH_STEPS };
+    let n = x.len();
     let mut state = State {
-        x: model.rest.clone(),
-        velocity: vec![ZERO; model.rest.len()],
-        acceleration: vec![ZERO; model.rest.len()],
-        gradient: vec![ZERO; model.rest.len()],
+        x: x.to_vec(),
+        velocity: vec![ZERO; n],
+        acceleration: vec![ZERO; n],
+        gradient: vec![ZERO; n],
     };
-    let mut carried = model.rest.clone();
-    let mut iterations = 0;
-    let mut outcome = None;
-    for step in 1..=steps {
-        let last = step == steps;
-        let here = if last {
-            pose.clone()
-        } else {
-            pose.scaled(step as f64 / steps as f64)
-        };
-        let load = Load::new(model, &here)?;
-        carry(&mut state.x, &carried, &load);
-        carried.clone_from(&load.carried);
-        let budget = if last {
-            params.max_iterations.saturating_sub(iterations)
-        } else {
-            PATH_STEPS
-        };
-        let result = state.run(&load, params.tolerance, budget);
-        iterations += result.iterations;
-        outcome = Some(Outcome {
-            iterations,
-            ..result
-        });
-    }
-    Ok((state.x, outcome.expect("at least one step")))
+    let outcome = state.run(load, tolerance, budget);
+    x.copy_from_slice(&state.x);
+    outcome
 }
 
 struct State {
@@ -129,6 +105,7 @@ impl State {
             iterations,
             converged,
             energy,
+            smallest_pivot: 0.0,
         }
     }
 

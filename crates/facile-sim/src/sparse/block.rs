@@ -411,3 +411,92 @@ fn three_inner(columns: [&[f32]; 3], w: &[f32]) -> [f32; 3] {
     }
     out
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Numbers in `[-1, 1]` without a pattern.
+    fn noise(k: usize) -> f64 {
+        libm::sin(12.9898 * k as f64 + 0.3 * libm::sin(78.233 * k as f64))
+    }
+
+    #[test]
+    fn a_sheet_of_random_blocks_is_solved_to_single_precision() {
+        let (w, h) = (23u32, 17u32);
+        let mut pairs = Vec::new();
+        for i in 0..h {
+            for j in 0..w {
+                for (di, dj) in [(0, 1), (1, 0), (1, 1)] {
+                    if i + di < h && j + dj < w {
+                        pairs.push((i * w + j, (i + di) * w + j + dj));
+                    }
+                }
+            }
+        }
+        let n = (w * h) as usize;
+        let pattern = Pattern::new(n, "sheet", pairs.iter().copied()).expect("small");
+        let mut blocks = vec![[[0.0; 3]; 3]; pattern.entries()];
+        for i in 0..n as u32 {
+            let block = &mut blocks[pattern.slot(i, i) as usize];
+            for k in 0..3 {
+                block[k][k] = 0.1;
+            }
+        }
+        // Each pair adds g g^T for g = (B, -C) with blocks that are not symmetric.
+        for (s, &(a, b)) in pairs.iter().enumerate() {
+            let part =
+                |t: usize| [0, 1, 2].map(|r| [0, 1, 2].map(|c| noise(18 * s + t + 3 * r + c)));
+            let (p, q): (M3, M3) = (part(0), part(9));
+            let product = |x: &M3, y: &M3, sign: f64| -> M3 {
+                [0, 1, 2].map(|r| {
+                    [0, 1, 2].map(|c| sign * (0..3).map(|k| x[r][k] * y[c][k]).sum::<f64>())
+                })
+            };
+            let mut add = |slot: u32, m: M3| {
+                for (row, m) in blocks[slot as usize].iter_mut().zip(m) {
+                    for (x, m) in row.iter_mut().zip(m) {
+                        *x += m;
+                    }
+                }
+            };
+            add(pattern.slot(a, a), product(&p, &p, 1.0));
+            add(pattern.slot(b, b), product(&q, &q, 1.0));
+            // Rows of the larger index, which is `b`.
+            add(pattern.slot(a, b), product(&q, &p, -1.0));
+        }
+        let truth: Vec<f64> = (0..3 * n).map(|k| noise(5 * k + 3)).collect();
+        let mut right = vec![0.0; 3 * n];
+        for ([a, b], block) in pattern.pairs().zip(&blocks) {
+            let (a, b) = (3 * a as usize, 3 * b as usize);
+            for r in 0..3 {
+                for c in 0..3 {
+                    right[b + r] += block[r][c] * truth[a + c];
+                    if a != b {
+                        right[a + c] += block[r][c] * truth[b + r];
+                    }
+                }
+            }
+        }
+        let mut factor = BlockFactor::new(&pattern);
+        factor
+            .refactor(&pattern, "sheet", &blocks)
+            .expect("positive");
+        let mut side = vec![0.0f32; 3 * n];
+        for (i, &row) in pattern.order().iter().enumerate() {
+            for k in 0..3 {
+                side[3 * row as usize + k] = right[3 * i + k] as f32;
+            }
+        }
+        factor.solve(&pattern, &mut side);
+        for (i, &row) in pattern.order().iter().enumerate() {
+            for k in 0..3 {
+                let away = f64::from(side[3 * row as usize + k]) - truth[3 * i + k];
+                assert!(away.abs() < 2e-4, "row {i}: {away}");
+            }
+        }
+        assert!(factor.smallest > 0.0);
+        blocks[pattern.slot(7, 7) as usize][1][1] = -1.0;
+        assert!(factor.refactor(&pattern, "sheet", &blocks).is_err());
+    }
+}

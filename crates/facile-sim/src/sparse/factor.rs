@@ -7,53 +7,22 @@ use super::{Pattern, Supernode, Update};
 use crate::SimError;
 use crate::simd::{Kernel, LANES, Lanes, dispatch, lanes};
 
-/// Numbers of a factor as they are kept for solving.
-pub(crate) trait Stored: Copy + Default {
-    /// Rounds.
-    fn store(value: Lanes) -> Self;
-    /// Widens.
-    fn load(self) -> Lanes;
-}
-
-impl Stored for Lanes {
-    #[inline(always)]
-    fn store(value: Lanes) -> Self {
-        value
-    }
-    #[inline(always)]
-    fn load(self) -> Lanes {
-        self
-    }
-}
-
-impl Stored for [f32; LANES] {
-    #[inline(always)]
-    fn store(v: Lanes) -> Self {
-        [v[0] as f32, v[1] as f32, v[2] as f32, v[3] as f32]
-    }
-    #[inline(always)]
-    fn load(self) -> Lanes {
-        lanes(|l| f64::from(self[l]))
-    }
-}
-
-/// Numeric factors of four matrices. `[f32; 4]` halves the memory that a solve reads, where an approximate inverse will
-/// do; the factors themselves are always computed in `f64`.
+/// Numeric factors of four matrices.
 #[derive(Debug)]
-pub(crate) struct Factor<T> {
+pub(crate) struct Factor {
     values: Vec<Lanes>,
     /// The same by rows, inverse diagonal, in the order in which a solve reads them.
-    packed: Vec<T>,
+    packed: Vec<Lanes>,
     column: Vec<Lanes>,
     local: Vec<u32>,
 }
 
-impl<T: Stored> Factor<T> {
+impl Factor {
     /// Work space for a pattern.
     pub(crate) fn new(pattern: &Pattern) -> Self {
         Self {
             values: vec![[0.0; LANES]; pattern.values],
-            packed: vec![T::default(); pattern.values],
+            packed: vec![[0.0; LANES]; pattern.values],
             column: vec![[0.0; LANES]; pattern.tallest],
             local: vec![0; pattern.size()],
         }
@@ -113,12 +82,12 @@ impl<T: Stored> Factor<T> {
 }
 
 /// The factorisation; on failure the row of the bad pivot.
-struct Numeric<'a, T> {
+struct Numeric<'a> {
     pattern: &'a Pattern,
-    factor: &'a mut Factor<T>,
+    factor: &'a mut Factor,
 }
 
-impl<T: Stored> Kernel for Numeric<'_, T> {
+impl Kernel for Numeric<'_> {
     type Output = Result<(), usize>;
 
     #[inline(always)]
@@ -242,27 +211,27 @@ fn dense(own: &mut [Lanes], height: usize, width: usize) -> Result<(), usize> {
 }
 
 #[inline(always)]
-fn pack<T: Stored>(own: &[Lanes], height: usize, width: usize, packed: &mut [T]) {
+fn pack(own: &[Lanes], height: usize, width: usize, packed: &mut [Lanes]) {
     for i in 0..height {
         for j in 0..width.min(i + 1) {
             let value = own[j * height + i];
-            packed[i * width + j] = T::store(if i == j {
+            packed[i * width + j] = if i == j {
                 lanes(|l| 1.0 / value[l])
             } else {
                 value
-            });
+            };
         }
     }
 }
 
 /// Forward and backward substitution.
-struct Solve<'a, T> {
+struct Solve<'a> {
     pattern: &'a Pattern,
-    packed: &'a [T],
+    packed: &'a [Lanes],
     y: &'a mut [Lanes],
 }
 
-impl<T: Stored> Kernel for Solve<'_, T> {
+impl Kernel for Solve<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -277,7 +246,7 @@ impl<T: Stored> Kernel for Solve<'_, T> {
             for i in 0..width {
                 let line = &diagonal[i * width..=i * width + i];
                 let (done, rest) = own.split_at_mut(i);
-                let (sum, scale) = (contract(line, done), line[i].load());
+                let (sum, scale) = (contract(line, done), line[i]);
                 rest[0] = lanes(|l| (rest[0][l] - sum[l]) * scale[l]);
             }
             let shift = block.start + block.width;
@@ -300,7 +269,7 @@ impl<T: Stored> Kernel for Solve<'_, T> {
             for i in (0..width).rev() {
                 let line = &diagonal[i * width..=i * width + i];
                 let (before, rest) = own.split_at_mut(i);
-                let scale = line[i].load();
+                let scale = line[i];
                 rest[0] = lanes(|l| rest[0][l] * scale[l]);
                 spread(before, line, rest[0]);
             }
@@ -310,26 +279,26 @@ impl<T: Stored> Kernel for Solve<'_, T> {
 
 /// `sum_k line_k done_k`, in two chains that do not wait for each other.
 #[inline(always)]
-fn contract<T: Stored>(line: &[T], done: &[Lanes]) -> Lanes {
+fn contract(line: &[Lanes], done: &[Lanes]) -> Lanes {
     let n = line.len().min(done.len());
     let (mut even, mut odd) = ([0.0; LANES], [0.0; LANES]);
     let mut k = 0;
     while k + 2 <= n {
-        even = plus(even, line[k].load(), done[k]);
-        odd = plus(odd, line[k + 1].load(), done[k + 1]);
+        even = plus(even, line[k], done[k]);
+        odd = plus(odd, line[k + 1], done[k + 1]);
         k += 2;
     }
     if k < n {
-        even = plus(even, line[k].load(), done[k]);
+        even = plus(even, line[k], done[k]);
     }
     lanes(|l| even[l] + odd[l])
 }
 
 /// `own_k -= line_k a`.
 #[inline(always)]
-fn spread<T: Stored>(own: &mut [Lanes], line: &[T], a: Lanes) {
+fn spread(own: &mut [Lanes], line: &[Lanes], a: Lanes) {
     for (o, l) in own.iter_mut().zip(line) {
-        *o = minus(*o, l.load(), a);
+        *o = minus(*o, *l, a);
     }
 }
 
@@ -348,7 +317,7 @@ mod tests {
                 entries[pattern.slot(i, i - 1) as usize] = -1.0;
             }
         }
-        let mut factor = Factor::<Lanes>::new(&pattern);
+        let mut factor = Factor::new(&pattern);
         factor
             .refactor_one(&pattern, "chain", &entries)
             .expect("positive");
@@ -403,7 +372,7 @@ mod tests {
         for i in 0..n as u32 {
             add(i, i, 0.05);
         }
-        let mut factor = Factor::<Lanes>::new(&pattern);
+        let mut factor = Factor::new(&pattern);
         factor
             .refactor_one(&pattern, "sheet", &entries)
             .expect("positive");
