@@ -13,9 +13,10 @@ use crate::lanes::{LANES, lanes_of, run};
 use crate::light::{AmbientSum, Arrival, Light};
 use crate::material::{Material, Transmission};
 use crate::math::{Rgb, Vec3, power, unit_or};
+use crate::microfacets;
 use crate::ray::{Hit, Ray};
 use crate::scene::{Layer, Scene};
-use crate::surface::SurfaceBlock;
+use crate::surface::{self, SurfaceBlock};
 
 /// A scene under lights, ready to shade.
 pub(crate) struct Shader<'a> {
@@ -33,6 +34,9 @@ pub(crate) struct ShadeScratch {
     pending: PendingShadows,
     blocked: Vec<u32>,
     possible: Vec<f32>,
+    /// Light on the diffuse layer of each sample of the last batch, before its colour; empty unless `keeps_irradiance`.
+    pub(crate) irradiance: Vec<Rgb>,
+    pub(crate) keeps_irradiance: bool,
     /// Wall clock time of shadow rays so far.
     pub(crate) shadow_time: Duration,
 }
@@ -58,6 +62,15 @@ impl Shader<'_> {
         assert_eq!(samples.hits.len(), colors.len(), "one colour per sample");
         scratch.pending.clear();
         scratch.possible.clear();
+        scratch.irradiance.clear();
+        if scratch.keeps_irradiance {
+            let sum = AmbientSum::of(self.lights);
+            scratch.irradiance.extend((0..samples.hits.len()).map(|i| {
+                let (block, k) = (&samples.surfaces[i / LANES], i % LANES);
+                let share = block.weight.0[k] * block.exposure.0[k];
+                sum.on(surface::lane(&block.normal, k)) * share
+            }));
+        }
         if let Some(shadow) = shadow.as_deref_mut() {
             shadow.fill(0.0);
             scratch.possible.resize(samples.hits.len(), 0.0);
@@ -122,12 +135,17 @@ impl Shader<'_> {
             if scratch.blocked[i / LANES] >> (i % LANES) & 1 == 1 {
                 continue;
             }
-            let mut arrived = shadowed.contribution;
+            let (mut arrived, mut irradiance) = (shadowed.contribution, shadowed.irradiance);
             if has_transparency {
                 let ray = pending.blocks[i / LANES].get(i % LANES);
-                arrived.component_mul_assign(&self.scene.tint(&ray));
+                let tint = self.scene.tint(&ray);
+                arrived.component_mul_assign(&tint);
+                irradiance.component_mul_assign(&tint);
             }
             colors[sample] += arrived;
+            if let Some(own) = scratch.irradiance.get_mut(sample) {
+                *own += irradiance;
+            }
             if let Some(shadow) = shadow.as_deref_mut() {
                 shadow[sample] += arrived.sum();
             }
@@ -178,8 +196,12 @@ impl Shader<'_> {
         }
         let mut share = point.albedo * weight;
         if material.specular > 0.0 {
-            let mirrored = point.normal * (2.0 * cosine) - direction;
-            share += Rgb::repeat(highlight(material, mirrored.dot(&point.view)));
+            share += Rgb::repeat(if material.roughness > 0.0 {
+                rough_highlight(material, point, direction, cosine)
+            } else {
+                let mirrored = point.normal * (2.0 * cosine) - direction;
+                highlight(material, mirrored.dot(&point.view))
+            });
         }
         if share.max() <= 0.0 {
             return None;
@@ -223,6 +245,22 @@ impl Shader<'_> {
         }
         color
     }
+}
+
+fn rough_highlight(
+    material: &Material,
+    point: &Interaction<'_>,
+    direction: Vec3,
+    cosine: f32,
+) -> f32 {
+    let half = unit_or(direction + point.view, point.normal);
+    let cosines = [
+        cosine,
+        point.normal.dot(&point.view),
+        point.normal.dot(&half),
+        point.view.dot(&half),
+    ];
+    microfacets::highlight(material.specular, material.roughness, cosines)
 }
 
 fn highlight(material: &Material, cos_alpha: f32) -> f32 {
