@@ -1,6 +1,6 @@
 //! Direct light on eight surface points at a time, before shadows.
 //!
-//! The same operations as the scalar [`crate::whitted`], which lights what secondary rays hit.
+//! The tests hold the scalar form and compare.
 
 use crate::lanes::{Kernel, LANES, LaneMask, Lanes, V3, lanes_of};
 use crate::light::{AmbientSum, Light};

@@ -37,6 +37,8 @@ mod packet;
 mod primary;
 mod query;
 mod raster;
+#[cfg(test)]
+mod scalar;
 pub mod sensor;
 mod shadow_cells;
 mod srgb;

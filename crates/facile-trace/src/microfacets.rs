@@ -10,8 +10,8 @@ use crate::lanes::Lanes;
 /// Roughness below this would make points of light that no pixel can hold.
 const MIN_ROUGHNESS: f32 = 0.05;
 
-/// The highlight; all cosines are with the normal but `cos_vh`, which is between the viewer and the half vector. 0 where
-/// the viewer is behind the surface.
+/// One highlight, the oracle of [`highlights`].
+#[cfg(test)]
 pub(crate) fn highlight(
     specular: f32,
     roughness: f32,
@@ -38,7 +38,8 @@ pub(crate) fn highlight(
     distribution * visibility * fresnel
 }
 
-/// As [`highlight`], bit for bit.
+/// The highlights; all cosines are with the normal but `cos_vh`, which is between the viewer and the half vector. 0 where
+/// light or viewer is behind the surface.
 #[inline(always)]
 pub(crate) fn highlights<L: Lanes>(
     specular: L,
