@@ -7,6 +7,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
+use facile_core::rng::RandomStream;
 use facile_core::{Plane, Subject};
 use facile_sim::{Pose, Solver};
 use facile_trace::{HeadScene, View as TracedView};
@@ -17,6 +18,9 @@ use crate::Error;
 use crate::plan::Grid;
 use crate::recipe::{Occluder, Recipe, View};
 use crate::record::Record;
+
+/// Random streams of sensors: this number with that of the sample. Samples themselves use the streams below.
+const SENSOR_STREAMS: u64 = 1 << 62;
 
 /// An image with everything that is known of it.
 #[derive(Clone, Debug)]
@@ -118,11 +122,13 @@ impl Worker {
         let (Some(posed), Some(traced)) = (&self.posed, &self.traced) else {
             unreachable!("both were set above");
         };
+        let recipe = pipeline.recipe();
+        let mut noise = RandomStream::new(recipe.seed, SENSOR_STREAMS | index);
         let image = pipeline.clock().time(Work::Shading, || {
             let shaded = traced
                 .traced
                 .shade(&posed.scene.scene, &scene.lighting.sources)?;
-            Ok::<_, Error>(shaded.to_srgb8())
+            Ok::<_, Error>(recipe.sensor.develop(&shaded.color, &mut noise))
         })?;
         let first = index - index % self.grid.lightings;
         let record = pipeline.record(
@@ -214,8 +220,8 @@ impl Worker {
     }
 }
 
-/// Renders one image of a subject that is there already. `tables` holds the recipe's tables `image`, `expression`,
-/// `light`, `view` and `occluder`, each at most once and without the list around it.
+/// Renders one image of a subject that is there already. `tables` holds the recipe's tables `image`, `sensor`,
+/// `expression`, `light`, `view` and `occluder`, each at most once and without the list around it.
 ///
 /// # Errors
 /// [`Error::Recipe`] for tables that are wrong; whatever a stage reports.
@@ -229,7 +235,7 @@ pub fn render_subject(
     });
     for (name, table) in tables {
         recipe[*name] = match *name {
-            "image" => table.clone(),
+            "image" | "sensor" => table.clone(),
             _ => serde_json::Value::Array(vec![table.clone()]),
         };
     }

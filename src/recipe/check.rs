@@ -7,7 +7,7 @@ use facile_core::builtin;
 use facile_trace::Samples;
 
 use super::check_sampling::sampling;
-use super::check_scene::{expressions, lightings, occluders, views};
+use super::check_scene::{expressions, lightings, occluders, sensor, views};
 use super::file::{
     DatasetTable, Format, ImageTable, RecipeFile, SamplesTable, SubjectsTable, Truth,
 };
@@ -35,6 +35,7 @@ pub(crate) fn check(file: RecipeFile, base: &Path) -> Result<Recipe, Problem> {
         image: image(&file.image, &root.key("image"))?,
         subjects: subjects(&file.subjects, &root.key("subjects"), base)?,
         solver: file.simulation.solver.into(),
+        sensor: sensor(&file.sensor, &root.key("sensor"))?,
         expressions: expressions(&file.expressions, &root.key("expression"))?,
         occluders: occluders(&file.occluders, &root.key("occluder"))?,
         views: views(&file.views, &root.key("view"))?,

@@ -5,12 +5,12 @@ use std::collections::BTreeMap;
 use facile_sim::pose::{MAX_LATERAL_MM, MAX_OPEN_RAD, MAX_PROTRUSION_MM};
 use facile_sim::{ExpressionSet, MuscleSet, Pose, SimError, action_units};
 use facile_trace::occluder::{Drape, DrapeKind, Glasses, RimShape};
-use facile_trace::{self as trace, LightSource};
+use facile_trace::{self as trace, LightSource, Sensor};
 
 use super::check::in_range;
 use super::file::{
-    Attach, ExpressionTable, LightTable, OccluderKind, OccluderTable, RimTable, SourceKind,
-    SourceTable, ViewTable,
+    Attach, ExpressionTable, LightTable, OccluderKind, OccluderTable, RimTable, SensorTable,
+    SourceKind, SourceTable, ViewTable,
 };
 use super::problem::{Place, Problem};
 use super::settings::{Expression, Lighting, Occluder, View};
@@ -397,6 +397,28 @@ fn source(table: &SourceTable, place: &Place) -> Result<LightSource, Problem> {
                 attach,
             }
         }
+    })
+}
+
+pub(crate) fn sensor(table: &SensorTable, place: &Place) -> Result<Sensor, Problem> {
+    let number = |key: &str, value: f64, low: f64, high: f64| {
+        in_range(value, low..=high, key, &place.key(key)).map(|v| v as f32)
+    };
+    let mut white_balance = [1.0; 3];
+    for (i, (to, from)) in white_balance
+        .iter_mut()
+        .zip(table.white_balance)
+        .enumerate()
+    {
+        let place = place.key("white_balance").index(i);
+        *to = in_range(from, 0.0..=10.0, "a gain", &place)? as f32;
+    }
+    Ok(Sensor {
+        exposure_stops: number("exposure_stops", table.exposure_stops, -10.0, 10.0)?,
+        white_balance,
+        blur_px: number("blur_px", table.blur_px, 0.0, 20.0)?,
+        photon_noise: number("photon_noise", table.photon_noise, 0.0, 1.0)?,
+        read_noise: number("read_noise", table.read_noise, 0.0, 1.0)?,
     })
 }
 

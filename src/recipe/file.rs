@@ -26,6 +26,9 @@ pub struct RecipeFile {
     /// How faces are brought to equilibrium.
     #[serde(default)]
     pub simulation: SimulationTable,
+    /// What the camera does to the light of an image; maps and labels are not touched.
+    #[serde(default)]
+    pub sensor: SensorTable,
     /// Expressions; the neutral face if there are none.
     #[serde(default, rename = "expression")]
     pub expressions: Vec<ExpressionTable>,
@@ -191,6 +194,35 @@ pub struct SubjectsTable {
 pub struct SimulationTable {
     /// The solver. All reach the same equilibrium; `quasi_static` is by far the fastest.
     pub solver: SolverWord,
+}
+
+/// `[sensor]`: blur, then brightness, then noise. Nothing is changed by default.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct SensorTable {
+    /// Brightness in stops, each of which doubles the light, from -10 to 10.
+    pub exposure_stops: f64,
+    /// Gain of red, green and blue, each from 0 to 10.
+    pub white_balance: [f64; 3],
+    /// Standard deviation of the lens's blur, from 0 to 20 px.
+    pub blur_px: f64,
+    /// Variance of the noise over the light's value, where white is 1, from 0 to 1: 0.0005 for daylight, 0.005 for a dim
+    /// room.
+    pub photon_noise: f64,
+    /// Standard deviation of the noise in the dark, from 0 to 1.
+    pub read_noise: f64,
+}
+
+impl Default for SensorTable {
+    fn default() -> Self {
+        Self {
+            exposure_stops: 0.0,
+            white_balance: [1.0; 3],
+            blur_px: 0.0,
+            photon_noise: 0.0,
+            read_noise: 0.0,
+        }
+    }
 }
 
 /// Name of a solver.

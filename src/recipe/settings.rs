@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use facile_sim::{Pose, SolverKind};
 use facile_trace::occluder::{Drape, Glasses};
-use facile_trace::{LightSource, Samples};
+use facile_trace::{LightSource, Samples, Sensor};
 use serde::Serialize;
 
 use super::file::{Encoding, Format, RecipeFile, Truth};
@@ -32,6 +32,8 @@ pub struct Recipe {
     pub subjects: Subjects,
     /// How faces are brought to equilibrium.
     pub solver: SolverKind,
+    /// What the camera does to an image's light.
+    pub sensor: Sensor,
     /// Expressions, each at one intensity.
     pub expressions: Vec<Expression>,
     /// Things in front of the face.

@@ -125,6 +125,17 @@ fn values_out_of_range_are_refused_where_they_stand() {
             7,
             48,
         ),
+        (
+            "[[light]]\nname = \"a\"\nsources = [{ kind = \"area\", position = [0, 0, 9], target = [0, 0, 0] }]\n",
+            7,
+            12,
+        ),
+        (
+            "[[light]]\nname = \"a\"\nsources = [{ kind = \"hemisphere\", position = [0, 0, 1] }]\n",
+            7,
+            46,
+        ),
+        ("[sensor]\nblur_px = 99\n", 6, 11),
     ];
     for (body, line, column) in scene {
         let e = error(&format!("{ONE}{body}"));

@@ -1,10 +1,11 @@
 //! Direct light on eight surface points at a time, before shadows.
 //!
-//! The same operations as the scalar [`crate::whitted`], which lights what secondary rays hit.
+//! The tests hold the scalar form and compare.
 
 use crate::lanes::{Kernel, LANES, LaneMask, Lanes, V3, lanes_of};
 use crate::light::{AmbientSum, Light};
 use crate::math::{Rgb, power};
+use crate::microfacets;
 use crate::packet::RayBlock;
 use crate::surface::SurfaceBlock;
 
@@ -13,6 +14,8 @@ use crate::surface::SurfaceBlock;
 pub(crate) struct PendingShadow {
     pub(crate) sample: u32,
     pub(crate) contribution: Rgb,
+    /// What the diffuse layer gets of it, before its colour.
+    pub(crate) irradiance: Rgb,
 }
 
 /// Shadow rays that wait to be traced: ray `i` is lane `i % 8` of block `i / 8`.
@@ -77,11 +80,24 @@ fn gather<L: Lanes>(
         return;
     }
     // Add the highlight to the diffuse colour
-    let mut share = V3::<L>::load(&block.albedo).scale(L::load(&block.weight));
+    let weight = L::load(&block.weight);
+    let mut share = V3::<L>::load(&block.albedo).scale(weight);
     let specular = L::load(&block.specular);
     if zero.lt(specular).bits() & block.hit != 0 {
-        let mirrored = normal.scale(L::splat(2.0) * cosine) - arrival.direction;
-        let glow = highlights::<L>(block, mirrored.dot(V3::load(&block.view)));
+        let view = V3::<L>::load(&block.view);
+        let roughness = L::load(&block.roughness);
+        let is_rough = zero.lt(roughness);
+        let mut glow = zero;
+        if is_rough.bits() & block.hit != block.hit {
+            let mirrored = normal.scale(L::splat(2.0) * cosine) - arrival.direction;
+            glow = highlights::<L>(block, mirrored.dot(view));
+        }
+        if is_rough.bits() & block.hit != 0 {
+            let half = (arrival.direction + view).unit_or(normal);
+            let cosines = [cosine, normal.dot(view), normal.dot(half), view.dot(half)];
+            let rough = microfacets::highlights(specular, roughness, cosines);
+            glow = L::select(is_rough, rough, glow);
+        }
         let glow = L::select(zero.lt(specular), glow, zero);
         share = share + V3([glow, glow, glow]);
     }
@@ -89,6 +105,7 @@ fn gather<L: Lanes>(
     let lit = (lit & zero.lt(r.max(g).max(b))).bits();
     // Send a ray to the light
     let contribution = (share * arrival.power).scale(cosine).store();
+    let irradiance = arrival.power.scale(weight * cosine).store();
     let start = lifted + V3::load(&block.flat_normal).scale(L::splat(offset));
     let (direction, t_max) = match light.position() {
         Some(position) => (V3::splat(position.into()) - start, 1.0),
@@ -114,6 +131,7 @@ fn gather<L: Lanes>(
                 contribution[1].0[k],
                 contribution[2].0[k],
             ),
+            irradiance: Rgb::new(irradiance[0].0[k], irradiance[1].0[k], irradiance[2].0[k]),
         });
     }
 }

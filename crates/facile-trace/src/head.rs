@@ -154,13 +154,15 @@ fn skin_object(
     positions.clone_into(&mut mesh.positions);
     let skin = Material::skin(texture.clone());
     let lips = Material {
-        specular: 0.05,
-        shininess: 30.0,
+        roughness: 0.32,
+        ..skin.clone()
+    };
+    let nose = Material {
+        roughness: 0.38,
         ..skin.clone()
     };
     let mouth = Material {
-        specular: 0.06,
-        shininess: 40.0,
+        roughness: 0.25,
         exposure: 0.25,
         ..skin.clone()
     };
@@ -171,6 +173,7 @@ fn skin_object(
     let is_lip = |s| matches!(s, Segment::UpperLip | Segment::LowerLip);
     Ok(Object::new(&mesh, Normals::Smooth, skin)?
         .with_material(lips, is_lip)
+        .with_material(nose, |s| s == Segment::Nose)
         .with_material(mouth, |s| s == Segment::InnerMouth)
         .with_material(socket, |s| s == Segment::EyeSocket))
 }
@@ -227,9 +230,11 @@ fn mouth_object(
     for p in &mut mesh.positions {
         *p = placed * *p;
     }
+    // Enamel and mucosa, wet
     let material = Material {
         specular: 0.03,
-        shininess: 60.0,
+        roughness: 0.22,
+        scatter_mm: Rgb::repeat(0.3),
         exposure: 0.5,
         ..Material::skin(texture.clone())
     };

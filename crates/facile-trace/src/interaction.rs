@@ -26,6 +26,7 @@ pub(crate) struct Interaction<'a> {
     /// Whether the ray comes from outside.
     pub(crate) is_outside: bool,
     /// Linear RGB.
+    #[cfg(test)]
     pub(crate) albedo: Rgb,
 }
 
@@ -61,6 +62,7 @@ impl<'a> Interaction<'a> {
             normal,
             view: unit_or(-ray.direction, flat_normal),
             is_outside,
+            #[cfg(test)]
             albedo: albedo(object, hit),
         }
     }

@@ -32,12 +32,17 @@ mod gbuffer;
 pub mod instructions;
 mod interaction;
 mod lanes;
+pub mod microfacets;
 mod packet;
 mod primary;
 mod query;
 mod raster;
+#[cfg(test)]
+mod scalar;
+pub mod sensor;
 mod shadow_cells;
 mod srgb;
+pub mod subsurface;
 mod surface;
 mod whitted;
 
@@ -54,5 +59,6 @@ pub use ray::{Hit, Ray};
 pub use sampling::Samples;
 pub use scene::{Layer, Scene};
 pub use scene_file::{BenchRow, SceneFile, bench_scene_file, render_scene_file};
+pub use sensor::Sensor;
 pub use view::{RenderSettings, Rendering, View, trace_view};
 pub use visibility::{Visibility, VisibilityParams, point_visibility};

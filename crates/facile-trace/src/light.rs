@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::TraceError;
 use crate::camera::Camera;
 use crate::math::{Rgb, Vec3, unit_or, vec3_from_point};
-use crate::sampling::sample_offsets;
+use crate::sampling::lattice_offsets;
 
 /// Distance at which a point source of intensity 1 lights a facing surface to 1, mm.
 pub const REFERENCE_DISTANCE_MM: f32 = 1_000.0;
@@ -194,6 +194,7 @@ impl AmbientSum {
 }
 
 /// What reaches a point from a light when nothing is in between.
+#[cfg(test)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Arrival {
     /// Unit direction to the light.
@@ -243,7 +244,7 @@ impl LightSource {
         // Width runs level, unless the rectangle lies flat
         let level = unit_or(Vec3::y().cross(&axis), Vec3::x());
         let upwards = axis.cross(&level);
-        for [x, y] in sample_offsets(samples) {
+        for [x, y] in lattice_offsets(samples) {
             let across = level * ((x as f32 - 0.5) * size[0]);
             let along = upwards * ((y as f32 - 0.5) * size[1]);
             lights.push(Light::Patch {
@@ -398,7 +399,9 @@ fn direction(v: Vec3) -> Result<Vec3, TraceError> {
 }
 
 impl Light {
-    /// What reaches `point`; `None` for light without a direction, and outside a spot's cone.
+    /// What reaches `point`; `None` for light without a direction, and outside a spot's cone. The oracle of
+    /// [`crate::direct`].
+    #[cfg(test)]
     pub(crate) fn arrival(&self, point: Vec3) -> Option<Arrival> {
         match *self {
             Self::Point { position, power } => falling_off(position, power, point),
@@ -455,6 +458,7 @@ impl Light {
     }
 }
 
+#[cfg(test)]
 fn falling_off(position: Vec3, power: Rgb, point: Vec3) -> Option<Arrival> {
     let to_light = position - point;
     let squared = to_light.norm_squared();

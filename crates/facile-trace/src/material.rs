@@ -58,17 +58,23 @@ impl Transmission {
     }
 }
 
-/// A material: a diffuse layer, a Phong highlight, a mirror, and what passes through.
+/// A material: a diffuse layer, a highlight, a mirror, and what passes through.
 #[derive(Clone, Debug)]
 pub struct Material {
     /// Diffuse colour.
     pub albedo: Albedo,
-    /// Strength of the highlight, at least 0. The highlight of light `E` is
+    /// Strength of the highlight, at least 0. Without a roughness the highlight of light `E` is
     /// `specular (shininess + 2) / 2 cos^shininess(alpha) E cos(theta)`, `alpha` between the mirrored light and the viewer:
-    /// Phong's, normalised so that its energy does not depend on the shininess.
+    /// Phong's, normalised so that its energy does not depend on the shininess. With one it is that of
+    /// [`crate::microfacets`], of reflectance `specular` at normal incidence: 0.028 skin, 0.02 water.
     pub specular: f32,
-    /// Sharpness of the highlight, at least 0: 10 skin, 400 water.
+    /// Sharpness of Phong's highlight, at least 0: 10 skin, 400 water.
     pub shininess: f32,
+    /// Roughness of the surface in `[0, 1]`: 0.2 wet lips, 0.35 an oily nose, 0.5 a dry cheek; 0 for Phong's highlight.
+    pub roughness: f32,
+    /// How far light spreads under the surface, standard deviation of each linear RGB channel, mm; 0 for not at all. See
+    /// [`crate::subsurface`].
+    pub scatter_mm: Rgb,
     /// Mirror reflection at normal incidence, in `[0, 1]`; grows towards 1 at grazing angles by Schlick's rule. 0 spawns
     /// no rays. 0.02 water, 0.04 glass, 1 a perfect mirror.
     pub reflectivity: f32,
@@ -86,6 +92,8 @@ impl Default for Material {
             albedo: Albedo::Constant(Rgb::repeat(0.5)),
             specular: 0.0,
             shininess: 1.0,
+            roughness: 0.0,
+            scatter_mm: Rgb::zeros(),
             reflectivity: 0.0,
             transmission: None,
             exposure: 1.0,
@@ -102,12 +110,16 @@ impl Material {
         }
     }
 
-    /// Skin with a texture: a broad, weak sheen.
+    /// Skin with a texture: a rough, oily surface, and red light that spreads under it.
+    ///
+    /// Distances: the variances of d'Eon and Luebke, Advanced Techniques for Realistic Real-Time Skin Rendering, GPU Gems 3,
+    /// 2007, of each channel's sum of Gaussians.
     pub fn skin(texture: Arc<Texture>) -> Self {
         Self {
             albedo: Albedo::texture(texture),
-            specular: 0.035,
-            shininess: 14.0,
+            specular: 0.028,
+            roughness: 0.45,
+            scatter_mm: Rgb::new(1.18, 0.27, 0.16),
             ..Self::default()
         }
     }

@@ -154,6 +154,11 @@ impl Object {
         self.materials.iter().any(Material::is_transparent)
     }
 
+    /// Whether light spreads under any of its materials.
+    pub(crate) fn scatters(&self) -> bool {
+        self.is_visible && self.materials.iter().any(|m| m.scatter_mm.max() > 0.0)
+    }
+
     /// Material of a triangle.
     pub fn material(&self, triangle: u32) -> &Material {
         let index = self.material_of_triangle.get(triangle as usize);

@@ -86,6 +86,22 @@ impl Scene {
         });
     }
 
+    /// Sets bit `k` of `touched[i]` where lane `k` of `blocks[i]` meets anything transparent: no others are tinted. Empty
+    /// if nothing is transparent.
+    pub(crate) fn touched(&self, blocks: &[RayBlock], count: usize, touched: &mut Vec<u32>) {
+        touched.clear();
+        if !self.has_transparency() {
+            return;
+        }
+        touched.resize(blocks.len(), 0);
+        run(Blocked {
+            candidates: &mut self.candidates(|o| o.is_visible && o.is_transparent()),
+            blocks,
+            count,
+            blocked: touched,
+        });
+    }
+
     /// Sets `shares` to [`Scene::transmittance`] of each ray.
     pub fn transmittances(&self, rays: &[Ray], shares: &mut Vec<Rgb>) {
         shares.clear();

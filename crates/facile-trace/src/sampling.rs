@@ -66,6 +66,12 @@ pub fn sample_offsets(count: u32) -> Vec<[f64; 2]> {
         let at = |i: u32| (f64::from(i) + 0.5) / f64::from(side);
         return (0..count).map(|i| [at(i % side), at(i / side)]).collect();
     }
+    lattice_offsets(count)
+}
+
+/// Places of `count` samples on a golden-ratio lattice of the unit square, whatever the count: none share a column or a
+/// row, and their mean is 0.5.
+pub(crate) fn lattice_offsets(count: u32) -> Vec<[f64; 2]> {
     let rows = |shift: f64| (0..count).map(move |i| fract(shift + f64::from(i) * GOLDEN));
     let mean = |shift: f64| rows(shift).sum::<f64>() / f64::from(count);
     // A shift moves the mean along until a sample leaves at the end and comes back at the start

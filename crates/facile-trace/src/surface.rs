@@ -32,6 +32,8 @@ pub(crate) struct SurfaceBlock {
     pub(crate) specular: Eight,
     /// [`crate::Material::shininess`].
     pub(crate) shininess: Eight,
+    /// [`crate::Material::roughness`].
+    pub(crate) roughness: Eight,
     /// Lanes with a hit.
     pub(crate) hit: u32,
     /// Lanes whose material sends out rays of its own.
@@ -98,6 +100,7 @@ struct Gathered {
     exposure: Eight,
     specular: Eight,
     shininess: Eight,
+    roughness: Eight,
     hit: u32,
     /// Lanes with vertex normals.
     smooth: u32,
@@ -118,6 +121,7 @@ impl Default for Gathered {
             exposure: zero,
             specular: zero,
             shininess: zero,
+            roughness: zero,
             hit: 0,
             smooth: 0,
             spawns: 0,
@@ -179,6 +183,7 @@ impl Gathered {
             self.exposure.0[lane] = material.exposure;
             self.specular.0[lane] = material.specular;
             self.shininess.0[lane] = material.shininess;
+            self.roughness.0[lane] = material.roughness;
             self.weight.0[lane] = 1.0;
             if material.spawns_rays() {
                 self.spawns |= 1 << lane;
@@ -304,6 +309,7 @@ impl Gathered {
             exposure: self.exposure,
             specular: self.specular,
             shininess: self.shininess,
+            roughness: self.roughness,
             hit: self.hit,
             spawns: self.spawns,
         }

@@ -10,9 +10,11 @@ use facile_core::Plane;
 use crate::TraceError;
 use crate::camera::Camera;
 use crate::gbuffer::{CenterHits, GBuffer, Truth};
+use crate::interaction;
 use crate::lanes::LANES;
 use crate::light::{Light, LightSource};
 use crate::math::Rgb;
+use crate::object::Object;
 use crate::primary::{self, Method, PixelHits, pixels_in_blocks, sample_px, trace_samples};
 use crate::ray::Hit;
 use crate::sampling::{
@@ -21,6 +23,7 @@ use crate::sampling::{
 };
 use crate::scene::{Layer, Scene};
 use crate::srgb::srgb8;
+use crate::subsurface::{self, SkinPixel};
 use crate::surface::{self, SurfaceBlock};
 use crate::whitted::{self, ShadeScratch, Shader};
 
@@ -278,16 +281,25 @@ impl View {
         let (width, height) = (self.camera.width(), self.camera.height());
         let mut color = Plane::filled(width, height, scene.background);
         let mut shadow = None;
+        let mut spread = Vec::new();
         let is_dense = matches!(self.settings.samples, Samples::Count(2..));
-        if !is_dense || self.settings.truth.shadow {
+        let has_skin = scene.objects().iter().any(Object::scatters);
+        scratch.shade.keeps_irradiance = has_skin;
+        if !is_dense || self.settings.truth.shadow || has_skin {
             // Shade the pixels' centres
             let pixels = &self.centers.pixels;
             let mut lit = self.settings.truth.shadow.then(|| vec![1.0; pixels.len()]);
             let direction = |i: usize| self.camera.direction(sample_px(pixels[i], CENTER));
             let (hits, kept) = (&self.centers.hits, Some(&self.surfaces[..]));
             let colors = scratch.shade(&shader, hits, direction, kept, lit.as_deref_mut());
-            color = self.plane_of(scene.background, |i| colors[i]);
+            for ([x, y], own) in pixels.iter().zip(colors) {
+                color[(*x as usize, *y as usize)] = *own;
+            }
             shadow = lit.map(|lit| self.plane_of(1.0, |i| lit[i]));
+            if has_skin {
+                spread = self.spread(scene, &scratch.irradiance);
+            }
+            scratch.shade.keeps_irradiance = false;
         }
         let (centers, centers_shadow) = (start.elapsed(), scratch.shade.shadow_time);
         match self.settings.samples {
@@ -302,6 +314,10 @@ impl View {
             }
             Samples::Adaptive(_) => self.refine(&mut color, &shader, &mut scratch),
         }
+        for (pixel, added) in spread {
+            let own = &mut color[pixel];
+            *own = (*own + added).sup(&Rgb::zeros());
+        }
         let times = ShadeTimes {
             shadow: scratch.shade.shadow_time,
             shade: centers.saturating_sub(centers_shadow),
@@ -315,6 +331,42 @@ impl View {
             shadow,
             times,
         })
+    }
+
+    /// Light that spreads under the skin: what each pixel gains or loses. `irradiance` is that of the pixels' centres.
+    fn spread(&self, scene: &Scene, irradiance: &[Rgb]) -> Vec<((usize, usize), Rgb)> {
+        let mut skin = Vec::new();
+        let mut albedos = Vec::new();
+        for (i, (hit, at)) in self
+            .centers
+            .hits
+            .iter()
+            .zip(&self.centers.pixels)
+            .enumerate()
+        {
+            let object = &scene.objects()[hit.object as usize];
+            let scatter_mm = object.material(hit.triangle).scatter_mm;
+            if scatter_mm.max() > 0.0 {
+                skin.push(SkinPixel {
+                    at: *at,
+                    depth_z: hit.t,
+                    scatter_mm,
+                    irradiance: irradiance[i],
+                });
+                albedos.push(match self.surfaces.get(i / LANES) {
+                    Some(block) => surface::lane(&block.albedo, i % LANES),
+                    None => interaction::albedo(object, hit),
+                });
+            }
+        }
+        let added = subsurface::spread(&self.camera, &skin);
+        let pixels = skin.iter().zip(albedos).zip(added);
+        pixels
+            .map(|((pixel, albedo), added)| {
+                let at = (pixel.at[0] as usize, pixel.at[1] as usize);
+                (at, albedo.component_mul(&added))
+            })
+            .collect()
     }
 
     /// Takes many samples on the borders of objects, a few where the pixels' centres show a difference, and more where
@@ -408,6 +460,8 @@ struct BatchScratch {
     directions: Vec<[f32; 3]>,
     surfaces: Vec<SurfaceBlock>,
     colors: Vec<Rgb>,
+    /// See [`ShadeScratch::irradiance`], of all hits.
+    irradiance: Vec<Rgb>,
     shade: ShadeScratch,
 }
 
@@ -424,6 +478,7 @@ impl BatchScratch {
     ) -> &[Rgb] {
         self.colors.clear();
         self.colors.resize(hits.len(), Rgb::zeros());
+        self.irradiance.clear();
         for start in (0..hits.len()).step_by(BATCH) {
             let end = (start + BATCH).min(hits.len());
             self.directions.clear();
@@ -449,6 +504,7 @@ impl BatchScratch {
                 shadow,
                 &mut self.shade,
             );
+            self.irradiance.append(&mut self.shade.irradiance);
         }
         &self.colors
     }

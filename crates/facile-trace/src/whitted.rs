@@ -2,20 +2,21 @@
 //!
 //! Paper section 5. Direct light at a point: `albedo (ambient + E cos(theta) visible)` plus the Phong highlight of
 //! [`Material::specular`], with `E` as [`crate::light`] says. Shadow rays start on the smooth surface
-//! ([`crate::interaction`]); transparent objects tint them. [`Shader::shade_batch`] shades many primary hits at once, eight
-//! to a vector and shadow rays in packets; [`Shader::radiance`] is the scalar, recursive form for secondary rays.
+//! ([`crate::interaction`]); transparent objects tint them. [`Shader::shade_batch`] shades many hits at once, eight to a
+//! vector and shadow rays in packets; mirrored and refracted rays are traced and shaded in the same way, one bounce after
+//! the other. The scalar, recursive form is the oracle of the tests.
 
 use std::time::{Duration, Instant};
 
 use crate::direct::{Ambient, Gather, PendingShadows};
-use crate::interaction::{Interaction, diffuse_weight};
+use crate::interaction::Interaction;
 use crate::lanes::{LANES, lanes_of, run};
-use crate::light::{AmbientSum, Arrival, Light};
+use crate::light::{AmbientSum, Light};
 use crate::material::{Material, Transmission};
-use crate::math::{Rgb, Vec3, power, unit_or};
+use crate::math::{Rgb, Vec3, unit_or};
 use crate::ray::{Hit, Ray};
 use crate::scene::{Layer, Scene};
-use crate::surface::SurfaceBlock;
+use crate::surface::{self, SurfaceBlock};
 
 /// A scene under lights, ready to shade.
 pub(crate) struct Shader<'a> {
@@ -32,7 +33,13 @@ pub(crate) struct Shader<'a> {
 pub(crate) struct ShadeScratch {
     pending: PendingShadows,
     blocked: Vec<u32>,
+    touched: Vec<u32>,
+    /// Buffers of the next bounce.
+    next: Option<Box<Self>>,
     possible: Vec<f32>,
+    /// Light on the diffuse layer of each sample of the last batch, before its colour; empty unless `keeps_irradiance`.
+    pub(crate) irradiance: Vec<Rgb>,
+    pub(crate) keeps_irradiance: bool,
     /// Wall clock time of shadow rays so far.
     pub(crate) shadow_time: Duration,
 }
@@ -46,11 +53,44 @@ pub(crate) struct Samples<'a> {
     pub(crate) directions: &'a [[f32; 3]],
 }
 
+/// Rays of one bounce, and what they are for.
+#[derive(Default)]
+struct Spawned {
+    rays: Vec<Ray>,
+    links: Vec<Link>,
+}
+
+/// How much of a ray's light goes to which sample.
+struct Link {
+    sample: u32,
+    tint: Rgb,
+    share: f32,
+}
+
+impl Spawned {
+    fn push(&mut self, ray: Ray, link: Link) {
+        self.rays.push(ray);
+        self.links.push(link);
+    }
+}
+
 impl Shader<'_> {
     /// Shades primary samples into `colors`; `shadow` gets the share of directed light that arrives, 1 without any.
     pub(crate) fn shade_batch(
         &self,
         samples: Samples<'_>,
+        colors: &mut [Rgb],
+        shadow: Option<&mut [f32]>,
+        scratch: &mut ShadeScratch,
+    ) {
+        self.shade_bounce(samples, 0, colors, shadow, scratch);
+    }
+
+    /// [`Shader::shade_batch`] of samples that `depth` mirrors or lenses lead to.
+    fn shade_bounce(
+        &self,
+        samples: Samples<'_>,
+        depth: u32,
         colors: &mut [Rgb],
         mut shadow: Option<&mut [f32]>,
         scratch: &mut ShadeScratch,
@@ -58,11 +98,21 @@ impl Shader<'_> {
         assert_eq!(samples.hits.len(), colors.len(), "one colour per sample");
         scratch.pending.clear();
         scratch.possible.clear();
+        scratch.irradiance.clear();
+        if scratch.keeps_irradiance {
+            let sum = AmbientSum::of(self.lights);
+            scratch.irradiance.extend((0..samples.hits.len()).map(|i| {
+                let (block, k) = (&samples.surfaces[i / LANES], i % LANES);
+                let share = block.weight.0[k] * block.exposure.0[k];
+                sum.on(surface::lane(&block.normal, k)) * share
+            }));
+        }
         if let Some(shadow) = shadow.as_deref_mut() {
             shadow.fill(0.0);
             scratch.possible.resize(samples.hits.len(), 0.0);
         }
         self.shade_unshadowed(samples, colors);
+        self.add_secondary(samples, depth, colors, scratch);
         for light in self.lights {
             run(Gather {
                 light,
@@ -89,14 +139,58 @@ impl Shader<'_> {
             surfaces: samples.surfaces,
             colors,
         });
+    }
+
+    /// Adds what comes by mirror reflection and through surfaces: all rays of one bounce together, which are shaded as
+    /// primary samples are.
+    fn add_secondary(
+        &self,
+        samples: Samples<'_>,
+        depth: u32,
+        colors: &mut [Rgb],
+        scratch: &mut ShadeScratch,
+    ) {
+        if depth >= self.max_depth {
+            return;
+        }
+        let mut spawned = Spawned::default();
         for (index, block) in samples.surfaces.iter().enumerate() {
             for lane in lanes_of(block.spawns) {
                 let i = index * LANES + lane;
                 let ray = Ray::new(Vec3::zeros(), Vec3::from(samples.directions[i]));
                 let point = Interaction::new(self.scene, &ray, &samples.hits[i]);
                 let material = point.object.material(point.triangle);
-                colors[i] = self.secondary(&point, material, 0) + colors[i];
+                self.spawn(&point, material, i as u32, &mut spawned);
             }
+        }
+        if spawned.rays.is_empty() {
+            return;
+        }
+        let Spawned { rays, links } = &spawned;
+        let (mut hits, mut surfaces) = (Vec::with_capacity(rays.len()), Vec::new());
+        self.scene.closest_hits(rays, Layer::All, &mut hits);
+        let directions: Vec<[f32; 3]> = rays.iter().map(|r| r.direction.into()).collect();
+        surface::surfaces(self.scene, &hits, &directions, &mut surfaces);
+        let behind = Samples {
+            surfaces: &surfaces,
+            hits: &hits,
+            directions: &directions,
+        };
+        let mut found = vec![Rgb::zeros(); rays.len()];
+        let next = scratch.next.get_or_insert_default();
+        next.shadow_time = Duration::ZERO;
+        self.shade_bounce(behind, depth + 1, &mut found, None, next);
+        scratch.shadow_time += next.shadow_time;
+        // The links of a sample are neighbours
+        let mut from = 0;
+        while let Some(first) = links.get(from) {
+            let mut sum = Rgb::zeros();
+            while let Some(link) = links.get(from).filter(|l| l.sample == first.sample) {
+                sum += found[from].component_mul(&link.tint) * link.share;
+                from += 1;
+            }
+            let color = &mut colors[first.sample as usize];
+            *color = sum + *color;
         }
     }
 
@@ -113,7 +207,8 @@ impl Shader<'_> {
         let count = pending.list.len();
         self.scene
             .blocked(Some(light), &pending.blocks, count, &mut scratch.blocked);
-        let has_transparency = self.scene.has_transparency();
+        self.scene
+            .touched(&pending.blocks, count, &mut scratch.touched);
         for (i, shadowed) in pending.list.iter().enumerate() {
             let sample = shadowed.sample as usize;
             if let Some(possible) = scratch.possible.get_mut(sample) {
@@ -122,12 +217,18 @@ impl Shader<'_> {
             if scratch.blocked[i / LANES] >> (i % LANES) & 1 == 1 {
                 continue;
             }
-            let mut arrived = shadowed.contribution;
-            if has_transparency {
+            let (mut arrived, mut irradiance) = (shadowed.contribution, shadowed.irradiance);
+            let is_tinted = scratch.touched.get(i / LANES);
+            if is_tinted.is_some_and(|bits| bits >> (i % LANES) & 1 == 1) {
                 let ray = pending.blocks[i / LANES].get(i % LANES);
-                arrived.component_mul_assign(&self.scene.tint(&ray));
+                let tint = self.scene.tint(&ray);
+                arrived.component_mul_assign(&tint);
+                irradiance.component_mul_assign(&tint);
             }
             colors[sample] += arrived;
+            if let Some(own) = scratch.irradiance.get_mut(sample) {
+                *own += irradiance;
+            }
             if let Some(shadow) = shadow.as_deref_mut() {
                 shadow[sample] += arrived.sum();
             }
@@ -136,82 +237,19 @@ impl Shader<'_> {
         scratch.shadow_time += start.elapsed();
     }
 
-    /// Light that comes back along a ray.
-    pub(crate) fn radiance(&self, ray: &Ray, depth: u32) -> Rgb {
-        let Some(hit) = self.scene.closest_hit(ray, Layer::All) else {
-            return self.scene.background;
-        };
-        let point = Interaction::new(self.scene, ray, &hit);
-        let material = point.object.material(point.triangle);
-        let weight = diffuse_weight(&point, material);
-        let mut color = if material.spawns_rays() {
-            self.secondary(&point, material, depth)
-        } else {
-            Rgb::zeros()
-        };
-        color += self.ambient(&point, material, weight);
-        for light in self.lights {
-            if let Some((contribution, ray)) = self.unshadowed(&point, material, weight, light) {
-                color += contribution.component_mul(&self.scene.transmittance(&ray));
-            }
-        }
-        color
-    }
-
-    fn ambient(&self, point: &Interaction<'_>, material: &Material, weight: f32) -> Rgb {
-        let light = AmbientSum::of(self.lights).on(point.normal);
-        point.albedo.component_mul(&light) * (weight * material.exposure)
-    }
-
-    /// What a light gives if nothing is in between, and the ray that finds out. `None` if the surface faces away.
-    fn unshadowed(
-        &self,
-        point: &Interaction<'_>,
-        material: &Material,
-        weight: f32,
-        light: &Light,
-    ) -> Option<(Rgb, Ray)> {
-        let Arrival { direction, power } = light.arrival(point.lifted)?;
-        let cosine = point.normal.dot(&direction);
-        if cosine <= 0.0 {
-            return None;
-        }
-        let mut share = point.albedo * weight;
-        if material.specular > 0.0 {
-            let mirrored = point.normal * (2.0 * cosine) - direction;
-            share += Rgb::repeat(highlight(material, mirrored.dot(&point.view)));
-        }
-        if share.max() <= 0.0 {
-            return None;
-        }
-        let origin = point.lifted + point.flat_normal * self.offset;
-        let ray = match light.position() {
-            Some(position) => Ray::between(origin, position),
-            None => Ray::new(origin, direction),
-        };
-        Some((share.component_mul(&power) * cosine, ray))
-    }
-
-    /// Light by mirror reflection and through the surface.
-    fn secondary(&self, point: &Interaction<'_>, material: &Material, depth: u32) -> Rgb {
-        if depth >= self.max_depth {
-            return Rgb::zeros();
-        }
+    /// The rays that a surface sends out: through it, then mirrored.
+    fn spawn(&self, point: &Interaction<'_>, material: &Material, sample: u32, out: &mut Spawned) {
         let mut reflected_share = fresnel(material.reflectivity, point.normal.dot(&point.view));
-        let mut color = Rgb::zeros();
         if let Some(transmission) = &material.transmission {
-            let direction = match transmission {
-                Transmission::Thin { .. } => Some(-point.view),
-                Transmission::Solid { ior, .. } => {
-                    let ratio = if point.is_outside { 1.0 / ior } else { *ior };
-                    refract(point.view, point.normal, ratio)
-                }
-            };
-            match direction {
+            match transmitted(point, transmission) {
                 Some(direction) => {
                     let origin = point.position - point.flat_normal * self.offset;
-                    let behind = self.radiance(&Ray::new(origin, direction), depth + 1);
-                    color += behind.component_mul(&transmission.tint()) * (1.0 - reflected_share);
+                    let link = Link {
+                        sample,
+                        tint: transmission.tint(),
+                        share: 1.0 - reflected_share,
+                    };
+                    out.push(Ray::new(origin, direction), link);
                 }
                 None => reflected_share = 1.0,
             }
@@ -219,17 +257,25 @@ impl Shader<'_> {
         if reflected_share > 0.0 {
             let direction = reflect(point.view, point.normal);
             let origin = point.lifted + point.flat_normal * self.offset;
-            color += self.radiance(&Ray::new(origin, direction), depth + 1) * reflected_share;
+            let link = Link {
+                sample,
+                tint: Rgb::repeat(1.0),
+                share: reflected_share,
+            };
+            out.push(Ray::new(origin, direction), link);
         }
-        color
     }
 }
 
-fn highlight(material: &Material, cos_alpha: f32) -> f32 {
-    if cos_alpha <= 0.0 {
-        return 0.0;
+/// The direction in which light goes on behind a surface, seen against the ray; `None` for total reflection.
+pub(crate) fn transmitted(point: &Interaction<'_>, transmission: &Transmission) -> Option<Vec3> {
+    match transmission {
+        Transmission::Thin { .. } => Some(-point.view),
+        Transmission::Solid { ior, .. } => {
+            let ratio = if point.is_outside { 1.0 / ior } else { *ior };
+            refract(point.view, point.normal, ratio)
+        }
     }
-    material.specular * (material.shininess + 2.0) * 0.5 * power(cos_alpha, material.shininess)
 }
 
 /// Schlick's approximation of Fresnel reflection; 0 for a surface that does not mirror at all.
@@ -301,28 +347,5 @@ mod tests {
         assert_relative_eq!(fresnel(0.04, 1.0), 0.04);
         assert_relative_eq!(fresnel(0.04, 0.0), 1.0);
         assert_eq!(fresnel(0.0, 0.1), 0.0);
-    }
-
-    #[test]
-    fn highlights_of_any_sharpness_carry_the_same_energy() {
-        for shininess in [5.0, 24.0, 300.0] {
-            let material = Material {
-                specular: 1.0,
-                shininess,
-                ..Material::default()
-            };
-            // Integral over the hemisphere about the mirrored direction of lobe times cosine, divided by pi
-            let n = 20_000;
-            let sum: f64 = (0..n)
-                .map(|i| {
-                    let angle = (f64::from(i) + 0.5) / f64::from(n) * std::f64::consts::FRAC_PI_2;
-                    let lobe = f64::from(highlight(&material, angle.cos() as f32));
-                    lobe * angle.cos() * angle.sin() * 2.0
-                })
-                .sum::<f64>()
-                * std::f64::consts::FRAC_PI_2
-                / f64::from(n);
-            assert_relative_eq!(sum, 1.0, epsilon = 2e-3);
-        }
     }
 }

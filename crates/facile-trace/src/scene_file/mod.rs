@@ -19,6 +19,7 @@ use crate::camera::Camera;
 use crate::gbuffer::Truth;
 use crate::light::LightSource;
 use crate::sampling::Samples;
+use crate::sensor::Sensor;
 use crate::view::RenderSettings;
 
 pub use bench::{BenchRow, bench_scene_file};
@@ -39,6 +40,9 @@ pub struct SceneFile {
     /// What it is lit by.
     #[serde(default)]
     pub light: Vec<LightSource>,
+    /// What the camera does to the light.
+    #[serde(default)]
+    pub sensor: Sensor,
     /// How often the frame is rendered, for timings.
     #[serde(default = "one")]
     pub frames: u32,
@@ -142,6 +146,12 @@ pub struct MeshSection {
     /// See [`crate::Material::shininess`].
     #[serde(default = "default_shininess")]
     pub shininess: f32,
+    /// See [`crate::Material::roughness`].
+    #[serde(default)]
+    pub roughness: f32,
+    /// See [`crate::Material::scatter_mm`].
+    #[serde(default)]
+    pub scatter_mm: [f32; 3],
     /// See [`crate::Material::reflectivity`].
     #[serde(default)]
     pub reflectivity: f32,

@@ -23,6 +23,9 @@ use crate::view::{Rendering, View, trace_view};
 /// Steps of a depth map's 16 bits: the largest power of two per mm that holds the image's depths, at most 64.
 const FINEST_DEPTH_STEPS_PER_MM: f32 = 64.0;
 
+/// Random streams of the sensor: this number with that of the frame. Motion uses the streams below.
+const SENSOR_STREAMS: u64 = 1 << 62;
+
 /// Renders `path` into `out_dir`: `color.png`, the label maps that the file asks for, and `scene.json` with the camera's
 /// matrices and the depth scale. `timing`, if given, gets the [`TimingReport`] as JSON, which is also returned.
 ///
@@ -35,6 +38,7 @@ pub fn render_scene_file(
 ) -> Result<TimingReport, TraceError> {
     let file = SceneFile::read(path)?;
     let camera = file.camera()?;
+    file.sensor.check()?;
     let folder = path.parent().unwrap_or(Path::new("."));
     std::fs::create_dir_all(out_dir).map_err(|source| TraceError::Io {
         path: out_dir.to_owned(),
@@ -55,7 +59,8 @@ pub fn render_scene_file(
         let refit = start.elapsed();
         let view = trace_view(&scene, &camera, &settings)?;
         let rendering = view.shade(&scene, &file.light)?;
-        let image = rendering.to_srgb8();
+        let mut noise = RandomStream::new(0, SENSOR_STREAMS | u64::from(frame));
+        let image = file.sensor.develop(&rendering.color, &mut noise);
         let whole = start.elapsed();
         let encode_start = Instant::now();
         let color_path = out_dir.join("color.png");
@@ -148,6 +153,10 @@ fn material(
         f32::MAX,
         "a finite number of at least 0",
     )?;
+    check("roughness", section.roughness, 1.0, "a number in 0..=1")?;
+    for distance in section.scatter_mm {
+        check("scatter_mm", distance, 100.0, "distances of 0 to 100 mm")?;
+    }
     check(
         "reflectivity",
         section.reflectivity,
@@ -169,6 +178,8 @@ fn material(
         },
         specular: section.specular,
         shininess: section.shininess,
+        roughness: section.roughness,
+        scatter_mm: Rgb::from(section.scatter_mm),
         reflectivity: section.reflectivity,
         transmission: section.transmission.map(|tint| {
             let tint = Rgb::from(tint);

@@ -6,7 +6,10 @@ use std::collections::BTreeMap;
 use facile_core::rng::RandomStream;
 use facile_core::{Mesh, Point3, Vector3};
 use facile_trace::math::Rgb;
-use facile_trace::{Camera, LightSource, Material, Normals, Object, Scene};
+use facile_trace::{
+    Camera, LightSource, Material, Normals, Object, RenderSettings, Rendering, Samples, Scene,
+    Truth, View, trace_view,
+};
 
 /// A sphere of `20 * 4^levels` triangles about the origin.
 pub(crate) fn icosphere(radius: f64, levels: u32) -> Mesh {
@@ -127,4 +130,53 @@ pub(crate) fn light(text: &str) -> LightSource {
 /// Ambient light of intensity 1: colours come out as they are.
 pub(crate) fn ambient() -> LightSource {
     light("kind = 'ambient'\nintensity = 1")
+}
+
+/// Settings of tests: these samples and labels, else the defaults.
+pub(crate) fn settings(samples: Samples, truth: Truth) -> RenderSettings {
+    RenderSettings {
+        samples,
+        truth,
+        ..RenderSettings::default()
+    }
+}
+
+/// A view with one sample per pixel and all labels, and its image.
+pub(crate) fn render(scene: &Scene, camera: &Camera, lights: &[LightSource]) -> (View, Rendering) {
+    let view = trace_view(scene, camera, &settings(Samples::Count(1), Truth::ALL)).expect("valid");
+    let rendering = view.shade(scene, lights).expect("valid");
+    (view, rendering)
+}
+
+/// Fails if a channel differs by more than `tolerance`.
+pub(crate) fn assert_close(a: Rgb, b: Rgb, tolerance: f32) {
+    assert!((a - b).abs().max() <= tolerance, "{a:?} is not {b:?}");
+}
+
+/// A closed box.
+pub(crate) fn slab(low: Point3, high: Point3) -> Mesh {
+    let (middle, half) = (nalgebra::center(&low, &high), (high - low) / 2.0);
+    let mut mesh = Mesh::default();
+    for axis in 0..3 {
+        for side in [-1.0, 1.0] {
+            let (u, v) = (
+                Vector3::ith((axis + 1) % 3, 1.0),
+                Vector3::ith((axis + 2) % 3, 1.0),
+            );
+            let (u, v) = if side > 0.0 { (u, v) } else { (v, u) };
+            let center = middle + Vector3::ith(axis, side * half[axis]);
+            let corner =
+                |a: f64, b: f64| center + u.component_mul(&half) * a + v.component_mul(&half) * b;
+            let base = mesh.positions.len() as u32;
+            mesh.positions.extend([
+                corner(-1.0, -1.0),
+                corner(1.0, -1.0),
+                corner(1.0, 1.0),
+                corner(-1.0, 1.0),
+            ]);
+            mesh.triangles
+                .extend([[base, base + 1, base + 2], [base, base + 2, base + 3]]);
+        }
+    }
+    mesh
 }
