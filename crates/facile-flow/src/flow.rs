@@ -273,10 +273,10 @@ fn relax(v: &mut Plane<[f32; 2]>, normal: &Plane<Normal>, params: &FlowParams) {
     let mut begun = vec![[0.0_f32; 2]; nx];
     let beyond = vec![[0.0_f32; 2]; nx];
     for sweep in 0..params.sweeps {
-        // Alternate the direction, so that information travels both ways equally fast.
-        let forwards = sweep % 2 == 0;
+        // Alternate the directions, so that information travels all ways equally fast.
+        let (forwards, upwards) = (sweep % 2 == 0, sweep % 4 < 2);
         for row in 0..ny {
-            let y = if forwards { row } else { ny - 1 - row };
+            let y = if upwards { row } else { ny - 1 - row };
             let down = if y > 0 { v.row(y - 1) } else { &beyond };
             let up = if y + 1 < ny { v.row(y + 1) } else { &beyond };
             let (here, cells) = (v.row(y), cells.row(y));
