@@ -41,6 +41,7 @@ mod raster;
 mod scalar;
 pub mod sensor;
 mod shadow_cells;
+mod slopes;
 mod srgb;
 pub mod subsurface;
 mod surface;

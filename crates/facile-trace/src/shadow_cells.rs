@@ -11,22 +11,13 @@ use crate::light::Light;
 use crate::math::Vec3;
 use crate::object::Object;
 use crate::packet::{RayBlock, ShearBlock, meet_sheared};
+use crate::slopes::Slopes;
 
 /// Rays of a cell on average.
 const RAYS_PER_CELL: usize = 4;
 
 /// More triangles per ray than this, and packets through the tree are faster.
 const MAX_TRIANGLES_PER_RAY: usize = 8;
-
-/// Share of a nearness by which another must be smaller to be behind for sure.
-const NEARNESS_SLACK: f32 = 1e-5;
-
-/// Rounding of image positions as a share of their size, and at least, in cells.
-const POSITION_SHARE: f32 = 4e-6;
-const POSITION_ROUNDING: f32 = 1e-4;
-
-/// Distance from a triangle's box within which rays may meet it, in cells.
-const BOX_MARGIN: f32 = 1.0 / 64.0;
 
 /// Cells along each side of a tile.
 const TILE: usize = 8;
@@ -57,20 +48,6 @@ const UNTOUCHED: u32 = u32::MAX;
 
 /// Where the rays of a block start: `x` and `y` in cells, and nearness.
 type Starts = [Eight; 3];
-
-/// Eight triangles in the light's image: their nearness is `a x + b y + c`, margin included.
-///
-/// Nearness is what grows towards the light and is linear over the image: one over the depth, or for parallel light the
-/// depth's negative.
-struct Slopes {
-    a: Eight,
-    b: Eight,
-    c: Eight,
-    nearest: Eight,
-    /// Box around the triangle, in cells.
-    low: [Eight; 2],
-    high: [Eight; 2],
-}
 
 /// Whether sorting `rays` into cells is possible and worth it for an object: it is posed as its mesh is, lies on one side
 /// of the light, and has few enough triangles.
@@ -258,8 +235,8 @@ impl Block<'_> {
             next[*cell as usize] += 1;
             let (block, lane) = (slot / LANES, slot % LANES);
             rays[block][lane] = ray as u32;
-            for axis in 0..3 {
-                starts[block][axis].0[lane] = p[axis];
+            for (start, v) in starts[block].iter_mut().zip(p) {
+                start.0[lane] = *v;
             }
             let head = &mut heads[block];
             head.lowest = head.lowest.min(p[2]);
@@ -293,69 +270,6 @@ impl Block<'_> {
             }
         }
     }
-}
-
-impl Slopes {
-    /// The slopes of eight triangles, given by their corners' image positions and depths.
-    #[inline(always)]
-    fn new<L: Lanes>(corners: &[V3<L>; 3], is_parallel: bool, reach: f32) -> Self {
-        let (zero, one) = (L::splat(0.0), L::splat(1.0));
-        let [V3([ax, ay, az]), V3([bx, by, bz]), V3([cx, cy, cz])] = *corners;
-        let near = [
-            if is_parallel { zero - az } else { one / az },
-            if is_parallel { zero - bz } else { one / bz },
-            if is_parallel { zero - cz } else { one / cz },
-        ];
-        let (dx, dy, dn) = (bx - ax, by - ay, near[1] - near[0]);
-        let (ex, ey, en) = (cx - ax, cy - ay, near[2] - near[0]);
-        let area = dx * ey - dy * ex;
-        let inverse = one / area;
-        let slope_x = (dn * ey - en * dy) * inverse;
-        let slope_y = (dx * en - ex * dn) * inverse;
-        // Rounding of the positions as a share of the triangle's height
-        let size_x = ax.max(bx).max(cx) - ax.min(bx).min(cx);
-        let size_y = ay.max(by).max(cy) - ay.min(by).min(cy);
-        let largest = magnitude(ax).max(magnitude(ay)) + size_x + size_y;
-        let rounding = largest * L::splat(POSITION_SHARE) + L::splat(POSITION_ROUNDING);
-        let share = rounding * (size_x + size_y) / magnitude(area);
-        let steepness =
-            magnitude(slope_x) * (size_x + rounding) + magnitude(slope_y) * (size_y + rounding);
-        let nearest = near[0].max(near[1]).max(near[2]);
-        let slack = if is_parallel {
-            L::splat(NEARNESS_SLACK * reach)
-        } else {
-            nearest * L::splat(NEARNESS_SLACK)
-        };
-        let margin = slack
-            + steepness * share * L::splat(4.0)
-            + (magnitude(slope_x) + magnitude(slope_y)) * rounding * L::splat(4.0);
-        // A triangle seen from its edge may be anywhere
-        let is_flat = share.lt(L::splat(0.1));
-        Self {
-            a: L::select(is_flat, slope_x, zero).store(),
-            b: L::select(is_flat, slope_y, zero).store(),
-            c: L::select(
-                is_flat,
-                near[0] - slope_x * ax - slope_y * ay + margin,
-                L::splat(f32::INFINITY),
-            )
-            .store(),
-            nearest: (nearest + slack).store(),
-            low: [
-                (ax.min(bx).min(cx) - L::splat(BOX_MARGIN) - rounding).store(),
-                (ay.min(by).min(cy) - L::splat(BOX_MARGIN) - rounding).store(),
-            ],
-            high: [
-                (ax.max(bx).max(cx) + L::splat(BOX_MARGIN) + rounding).store(),
-                (ay.max(by).max(cy) + L::splat(BOX_MARGIN) + rounding).store(),
-            ],
-        }
-    }
-}
-
-#[inline(always)]
-fn magnitude<L: Lanes>(v: L) -> L {
-    v.max(L::splat(0.0) - v)
 }
 
 impl Cells {
@@ -437,9 +351,11 @@ impl CellBlock {
                 &rays[numbers[lane] as usize / LANES],
                 numbers[lane] as usize % LANES,
             );
-            for axis in 0..3 {
-                own.origin[axis].0[lane] = from.origin[axis].0[k];
-                direction[axis].0[lane] = from.direction[axis].0[k];
+            for (to, from) in own.origin.iter_mut().zip(&from.origin) {
+                to.0[lane] = from.0[k];
+            }
+            for (to, from) in direction.iter_mut().zip(&from.direction) {
+                to.0[lane] = from.0[k];
             }
             own.t_max.0[lane] = from.t_max.0[k];
         }
