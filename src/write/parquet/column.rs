@@ -211,10 +211,10 @@ fn packed(levels: &[u8]) -> Vec<u8> {
     let width = if levels.contains(&2) { 2 } else { 1 };
     let groups = levels.len().div_ceil(8);
     let mut out = Vec::new();
-    varint(&mut out, ((groups as u64) << 1) | 1);
+    varint(&mut out, (groups as u64) << 1 | 1);
     for group in levels.chunks(8) {
         let bits = group.iter().enumerate().fold(0_u32, |bits, (i, level)| {
-            bits | (u32::from(*level) << (i * width))
+            bits | u32::from(*level) << (i * width)
         });
         out.extend(&bits.to_le_bytes()[..width]);
     }

@@ -1,4 +1,4 @@
-//! The `parquet` format: tables that Hugging Face `datasets`, pandas and others open.
+//! The `parquet` format: tables that Hugging Face `datasets`, pandas and DuckDB open.
 //!
 //! A row holds a sample: image and maps as files inside the table, labels as numbers, lists and classes with names, the
 //! whole record as JSON. The names and types that `datasets` shows are in the file's metadata under `huggingface`. Pages
@@ -129,7 +129,7 @@ impl Table {
         let mut add = |name: &str, (field, feature): (Field, Value)| {
             fields.push((name.to_owned(), field, feature));
         };
-        for (kind, _) in &*sample.maps {
+        for (kind, _) in sample.maps.iter() {
             add(kind, (Field::File, image()));
         }
         add("subject", text());
@@ -169,7 +169,7 @@ impl Table {
         next()?.int(0, sample.index as i64);
         next()?.bytes(&sample.image);
         next()?.bytes(row.image.as_bytes());
-        for (kind, bytes) in &*sample.maps {
+        for (kind, bytes) in sample.maps.iter() {
             next()?.bytes(bytes);
             next()?.bytes(row.maps.get(*kind)?.file.as_bytes());
         }

@@ -70,14 +70,14 @@ impl Struct {
     /// Fields come in the order of their numbers, less than 16 apart.
     fn header(&mut self, field: u8, kind: u8) {
         debug_assert!(field > self.last && field - self.last < 16);
-        self.bytes.push(((field - self.last) << 4) | kind);
+        self.bytes.push((field - self.last) << 4 | kind);
         self.last = field;
     }
 
     fn list(&mut self, field: u8, kind: u8, len: usize) {
         self.header(field, LIST);
         if len < 15 {
-            self.bytes.push(((len as u8) << 4) | kind);
+            self.bytes.push((len as u8) << 4 | kind);
         } else {
             self.bytes.push(0xf0 | kind);
             varint(&mut self.bytes, len as u64);
