@@ -13,6 +13,7 @@ use crate::Error;
 use crate::generate::alone;
 use crate::pipeline::{Pipeline, Worker};
 use crate::plan::Grid;
+use crate::recipe::file::Format;
 use crate::recipe::{Recipe, SubjectSource};
 use crate::write::{EncodedSample, Encoder, Folder, Manifest, UnitWriter};
 
@@ -266,15 +267,12 @@ fn thread_times(pipeline: &Arc<Pipeline>, grid: &Grid, thread: u64) -> Result<Ti
             let (again, shade) = timed(|| worker.sample(first));
             let (encoded, encode) = timed(|| encoder.encode(&again?));
             let encoded = encoded?;
-            let maps = encoded.maps.iter().map(|(_, m)| m.len()).sum::<usize>() as f64;
             view_s = both - shade;
             times.view.add(view_s);
             times.image.add(shade + encode);
-            times.view_bytes.add(maps);
-            // Its line in the list of hashes, and its record.
-            times
-                .image_bytes
-                .add((encoded.image.len() + encoded.record.len() + 85) as f64);
+            let [by_view, by_image] = sizes(&encoded, recipe);
+            times.view_bytes.add(by_view);
+            times.image_bytes.add(by_image);
             times.samples.push(encoded);
         }
         let face_s = whole - view_s - head_s;
@@ -286,6 +284,33 @@ fn thread_times(pipeline: &Arc<Pipeline>, grid: &Grid, thread: u64) -> Result<Ti
         }
     }
     Ok(times)
+}
+
+/// Bytes on disk of a sample: those that a view has once, and those of every image.
+fn sizes(sample: &EncodedSample, recipe: &Recipe) -> [f64; 2] {
+    /// A line in the list of hashes.
+    const LINE: usize = 85;
+    /// Tar files are made of blocks, one of them before each member.
+    const BLOCK: usize = 512;
+    let record = sample.record.len();
+    let maps: usize = sample.maps.iter().map(|(_, map)| map.len()).sum();
+    let (mut by_view, mut by_image) = (0, record);
+    for format in &recipe.formats {
+        match format {
+            Format::Folder => {
+                by_view += maps + LINE * sample.maps.len();
+                by_image += sample.image.len() + LINE;
+            }
+            Format::Webdataset => {
+                let member =
+                    |(_, bytes): (String, &[u8])| bytes.len().next_multiple_of(BLOCK) + BLOCK;
+                by_image += sample.members().map(member).sum::<usize>();
+            }
+            // Landmarks as numbers take about half of what they take as text.
+            Format::Parquet => by_image += sample.image.len() + maps + record + record / 2,
+        }
+    }
+    [by_view as f64, by_image as f64]
 }
 
 /// Seconds for storing one of the samples, annotations and card included.

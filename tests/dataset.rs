@@ -236,6 +236,27 @@ fn parts_merge_into_the_bytes_of_one_run() {
 }
 
 #[test]
+fn a_part_cannot_place_files_outside_of_the_merged_dataset() {
+    let dir = tempfile::tempdir().expect("makes");
+    let recipe = recipe(dir.path(), RECIPE);
+    let part = dir.path().join("part");
+    run_part(&recipe, part.clone(), 1, Part::new(1, 2), &Unwatched);
+    let journal = part.join(".facile/units/00000000.jsonl");
+    let text = std::fs::read_to_string(&journal).expect("reads");
+    for name in ["../stolen.png", "/tmp/stolen.png"] {
+        std::fs::write(&journal, text.replace("images/000000.png", name)).expect("writes");
+        let error = merge(
+            std::slice::from_ref(&part),
+            &dir.path().join("merged"),
+            true,
+        )
+        .expect_err(name);
+        assert!(error.to_string().contains("outside"), "{error}");
+        assert!(!dir.path().join("stolen.png").exists());
+    }
+}
+
+#[test]
 fn tar_files_hold_what_the_folder_holds() {
     let dir = tempfile::tempdir().expect("makes");
     let recipe = recipe(dir.path(), &in_every_format());

@@ -157,11 +157,9 @@ fn tags(page: &str) -> Vec<String> {
             .split([' ', '/', '>'])
             .find(|n| !n.is_empty())
             .expect("a name");
-        if tag.starts_with('!') {
-            continue;
-        } else if tag.starts_with('/') {
+        if tag.starts_with('/') {
             assert_eq!(open.pop(), Some(name), "{tag}");
-        } else {
+        } else if !tag.starts_with('!') {
             seen.push(name.to_owned());
             if !tag.ends_with('/') {
                 open.push(name);

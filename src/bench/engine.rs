@@ -6,6 +6,7 @@ use std::time::Instant;
 use super::{Axis, Curve, Effort, Findings, Plot, Table, median};
 use crate::Error;
 use crate::generate::{Options, Unwatched, generate};
+use crate::pipeline::Skips;
 use crate::recipe::Recipe;
 use crate::verify::verify;
 
@@ -95,7 +96,7 @@ pub fn engine(effort: Effort) -> Result<Findings, Error> {
     }
     let mut by_size = Vec::new();
     for case in cases {
-        let (images, seconds) = measure(&case, effort.of(1, 3))?;
+        let (images, seconds) = measure(&case, effort.of(1, 3), Skips::default())?;
         let rate = images as f64 / seconds;
         table.push(vec![
             f64::from(case.size).into(),
@@ -123,13 +124,45 @@ pub fn engine(effort: Effort) -> Result<Findings, Error> {
         }],
     };
     Ok(Findings {
-        tables: vec![("gen_rate", table)],
+        tables: vec![("gen_rate", table), ("gen_skips", skips(effort)?)],
         plots: vec![("gen_rate", plot)],
     })
 }
 
+/// What each saving saves: the same run with all of them, and without one.
+fn skips(effort: Effort) -> Result<Table, Error> {
+    let mut table = Table::new(&["skip", "images", "seconds_with", "seconds_without", "ratio"]);
+    let case = Case {
+        size: effort.of(64, 256),
+        subjects: 1,
+        views: effort.of(1, 3),
+        lights: effort.of(2, 5),
+        ..BASE
+    };
+    for (name, without) in Skips::each_off() {
+        // Side by side, so that what else the machine does touches both.
+        let (mut with, mut less) = (Vec::new(), Vec::new());
+        let mut images = 0;
+        for _ in 0..effort.of(1, 3) {
+            let (n, seconds) = measure(&case, 1, Skips::default())?;
+            with.push(seconds);
+            less.push(measure(&case, 1, without)?.1);
+            images = n;
+        }
+        let (with, less) = (median(with), median(less));
+        table.push(vec![
+            name.into(),
+            (images as f64).into(),
+            with.into(),
+            less.into(),
+            (less / with).into(),
+        ]);
+    }
+    Ok(table)
+}
+
 /// Number of images, and the median time from start to verified end.
-fn measure(case: &Case, repeats: usize) -> Result<(u64, f64), Error> {
+fn measure(case: &Case, repeats: usize, skips: Skips) -> Result<(u64, f64), Error> {
     let recipe = recipe(case)?;
     let mut times = Vec::new();
     let mut images = 0;
@@ -139,6 +172,7 @@ fn measure(case: &Case, repeats: usize) -> Result<(u64, f64), Error> {
         let options = Options {
             output: Some(output.clone()),
             jobs: Some(case.threads),
+            skips,
             ..Options::default()
         };
         let start = Instant::now();

@@ -58,6 +58,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<u8> {
         overwrite: arguments.overwrite,
         max_failures: arguments.max_failures,
         report: arguments.report.clone(),
+        ..Options::default()
     };
     let folder = options.folder(&recipe);
     if let Err(e) = std::fs::create_dir_all(&folder) {

@@ -11,7 +11,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 use crate::Error;
-use crate::pipeline::{Pipeline, Work, Worker};
+use crate::pipeline::{Pipeline, Skips, Work, Worker};
 use crate::plan::Grid;
 use crate::recipe::Recipe;
 use crate::report::{Effort, write_report};
@@ -41,6 +41,8 @@ pub struct Options {
     pub max_failures: Option<u64>,
     /// File for a report of the run, HTML; see [`crate::report`].
     pub report: Option<PathBuf>,
+    /// What is not done; all of it changes no byte.
+    pub skips: Skips,
 }
 
 impl Options {
@@ -131,7 +133,7 @@ impl Summary {
 /// Bad scans and faces that find no equilibrium are in [`Summary::failures`].
 pub fn generate(recipe: &Recipe, options: &Options, watch: &dyn Watch) -> Result<Summary, Error> {
     let begun = Instant::now();
-    let pipeline = Arc::new(Pipeline::new(recipe.clone())?);
+    let pipeline = Arc::new(Pipeline::with(recipe.clone(), options.skips)?);
     let threads = match options.jobs.unwrap_or(0) {
         0 => std::thread::available_parallelism().map_or(1, usize::from),
         n => n,

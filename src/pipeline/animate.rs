@@ -26,6 +26,7 @@ impl Pipeline {
     /// # Errors
     /// [`Error::Sim`] if no equilibrium is found.
     pub fn face(&self, person: &Person, pose: &Pose, solver: &mut Solver) -> Result<Face, Error> {
+        let (skips, is_moved) = (self.skips(), !pose.is_neutral());
         let at_rest = || Face {
             positions: person.subject.positions.clone(),
             jaw: Isometry3::identity(),
@@ -33,12 +34,18 @@ impl Pipeline {
             certificate: None,
         };
         // A neutral face is not simulated.
-        let Some(model) = person.model.as_ref().filter(|_| !pose.is_neutral()) else {
+        let Some(model) = person
+            .model
+            .as_ref()
+            .filter(|_| is_moved || !skips.faces_at_rest)
+        else {
             return Ok(at_rest());
         };
         let solver_kind = self.recipe().solver;
         let key = equilibria::key(&person.shape, pose, solver_kind);
-        if let Some(face) = self.equilibria.get(&key, person.subject.positions.len()) {
+        if skips.cached_equilibria
+            && let Some(face) = self.equilibria.get(&key, person.subject.positions.len())
+        {
             return Ok(face);
         }
         let solved = solver.solve(model, pose, &SolverParams::of(solver_kind))?;
@@ -46,7 +53,7 @@ impl Pipeline {
             positions: solved.positions,
             jaw: solved.jaw,
             gaze: solved.eyes.map(|turn| gaze_of(&turn)),
-            certificate: Some(solved.certificate),
+            certificate: is_moved.then_some(solved.certificate),
         };
         self.equilibria.put(&key, &face);
         Ok(face)

@@ -12,6 +12,7 @@ mod pose;
 mod register;
 mod render;
 mod schemes;
+mod skips;
 mod truth;
 mod worker;
 
@@ -28,6 +29,7 @@ use equilibria::Equilibria;
 pub use pose::{PosedHead, face_model};
 pub use register::{Person, Registered, Registrations};
 pub use schemes::Scheme;
+pub use skips::Skips;
 pub use truth::{Maps, ViewTruth};
 pub use worker::{Sample, Worker, render_subject};
 
@@ -48,6 +50,7 @@ pub struct Pipeline {
     registrations: Registrations,
     equilibria: Equilibria,
     clock: Clock,
+    skips: Skips,
 }
 
 impl Pipeline {
@@ -56,6 +59,14 @@ impl Pipeline {
     /// # Errors
     /// [`Error::Core`] for a landmark scheme that is not there.
     pub fn new(recipe: Recipe) -> Result<Self, Error> {
+        Self::with(recipe, Skips::default())
+    }
+
+    /// As [`Self::new`], with some savings switched off.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn with(recipe: Recipe, skips: Skips) -> Result<Self, Error> {
         let reference = ReferenceHead::embedded();
         let schemes = recipe
             .image
@@ -72,7 +83,8 @@ impl Pipeline {
             })
             .collect::<Result<_, _>>()?;
         let is_moved = recipe.expressions.iter().any(|e| !e.pose.is_neutral())
-            || recipe.sampling.as_ref().is_some_and(Sampling::moves);
+            || recipe.sampling.as_ref().is_some_and(Sampling::moves)
+            || !skips.faces_at_rest;
         let rig = is_moved.then(|| FaceRig::new(reference, MuscleSet::embedded()));
         Ok(Self {
             recipe_hash: recipe_hash(&recipe),
@@ -86,6 +98,7 @@ impl Pipeline {
             }),
             equilibria: Equilibria::new(),
             clock: Clock::default(),
+            skips,
             recipe,
         })
     }
@@ -114,6 +127,11 @@ impl Pipeline {
     /// The landmark schemes that the recipe asks for.
     pub fn schemes(&self) -> &[Scheme] {
         &self.schemes
+    }
+
+    /// What is not done.
+    pub fn skips(&self) -> &Skips {
+        &self.skips
     }
 
     /// Where the time goes.

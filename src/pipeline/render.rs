@@ -39,7 +39,7 @@ impl Pipeline {
         scene.set_gaze(face.gaze)?;
         scene.set_jaw(&face.jaw)?;
         // A face at rest has its lips together: what is behind them is left out.
-        scene.show_mouth(face.certificate.is_some());
+        scene.show_mouth(face.certificate.is_some() || !self.skips().closed_mouths);
         Ok(())
     }
 
@@ -71,7 +71,7 @@ impl Pipeline {
     pub fn trace(&self, scene: &HeadScene, view: &View) -> Result<TracedView, Error> {
         let image = &self.recipe().image;
         let camera = camera(view, image)?;
-        let wants = |t| image.wants(t);
+        let wants = |t| image.wants(t) || !self.skips().unasked_truth;
         let settings = RenderSettings {
             samples: image.samples,
             truth: TraceTruth {

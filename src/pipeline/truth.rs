@@ -88,14 +88,15 @@ impl Pipeline {
             }
         }
         let buffer = &traced.gbuffer;
+        let asked = |truth| image.wants(truth).then_some(());
         let occlusion = buffer.occlusion.as_ref();
         let seen = [Occlusion::Visible as u8, Occlusion::Through as u8];
         let visible = |code: &u8| if seen.contains(code) { 255 } else { 0 };
         let maps = Maps {
-            segments: buffer.segment.clone(),
-            depth_z: buffer.depth_z.clone(),
+            segments: asked(Truth::Segments).and(buffer.segment.clone()),
+            depth_z: asked(Truth::Depth).and(buffer.depth_z.clone()),
             depth_steps_per_mm: depth_steps_per_mm(camera),
-            normals: buffer.normal_in_camera.clone(),
+            normals: asked(Truth::Normals).and(buffer.normal_in_camera.clone()),
             visibility: occlusion
                 .filter(|_| image.wants(Truth::Visibility))
                 .map(|plane| plane.map(visible)),
@@ -209,7 +210,7 @@ fn landmark_record(placed: &[Placed], scene: &HeadScene, camera: &Camera) -> Lan
 /// The smallest square around a box, with the same middle, larger by a share of its side on each side.
 fn square([left, top, right, bottom]: [f64; 4], margin: f64) -> [f64; 4] {
     let half = (right - left).max(bottom - top) * (0.5 + margin);
-    let (x, y) = ((left + right) / 2.0, (top + bottom) / 2.0);
+    let (x, y) = (f64::midpoint(left, right), f64::midpoint(top, bottom));
     [x - half, y - half, x + half, y + half].map(rounded)
 }
 

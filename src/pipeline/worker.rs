@@ -162,7 +162,9 @@ impl Worker {
     }
 
     fn pose(&mut self, person: &Person, pose: &Pose) -> Result<(), Error> {
-        if self.posed.as_ref().is_some_and(|p| p.pose == *pose) {
+        let skips = *self.pipeline.skips();
+        let is_known = self.posed.as_ref().is_some_and(|p| p.pose == *pose);
+        if is_known && skips.shared_faces {
             return Ok(());
         }
         self.traced = None;
@@ -172,7 +174,7 @@ impl Worker {
             pipeline.face(person, pose, &mut self.solver)
         })?;
         // The scene of another expression of this person is refitted, not built again.
-        let posed = self.posed.take();
+        let posed = self.posed.take().filter(|_| skips.moved_scenes);
         let scene = clock.time(Work::Scenes, || {
             let mut scene = match posed {
                 Some(posed) => posed.scene,
@@ -204,7 +206,8 @@ impl Worker {
             posed.occluder = Some(occluder.clone());
             self.traced = None;
         }
-        if self.traced.as_ref().is_some_and(|t| t.view == *view) {
+        let is_known = self.traced.as_ref().is_some_and(|t| t.view == *view);
+        if is_known && pipeline.skips().shared_views {
             return Ok(());
         }
         let traced = clock.time(Work::Tracing, || pipeline.trace(&posed.scene, view))?;

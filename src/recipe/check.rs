@@ -1,7 +1,7 @@
 //! From the file's tables to checked settings: `[dataset]`, `[image]`, `[subjects]`. Read next [`super::check_scene`].
 
 use std::ops::RangeInclusive;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use facile_core::builtin;
 use facile_trace::Samples;
@@ -72,6 +72,13 @@ fn check_dataset(file: &RecipeFile, place: &Place) -> Result<(), Problem> {
         return Err(place
             .key("output")
             .problem("the output folder must not be empty"));
+    }
+    let is_plain = |c| matches!(c, Component::Normal(_) | Component::CurDir);
+    if !Path::new(&table.output).components().all(is_plain) {
+        return Err(place
+            .key("output")
+            .problem("a recipe's output folder must lie in the current folder")
+            .help("give any other folder with --output"));
     }
     if table.formats.is_empty() {
         return Err(place

@@ -20,6 +20,8 @@ const MAX_COUNT: i64 = 1_000_000_000_000;
 const MAX_PER_GROUP: i64 = 1_000_000;
 const MAX_TRIES: i64 = 1_000_000;
 const MAX_GAZE_DEG: f64 = 40.0;
+/// Standard deviations beyond which nothing of a normal distribution is left to cut.
+const FARTHEST: f64 = 30.0;
 /// Draws that are tried before any work, to find constraints that nothing meets.
 const PROBES: u64 = 64;
 
@@ -135,8 +137,7 @@ fn weights(
     let place = place.key("weights");
     for (name, weight) in given {
         if !names.contains(name) {
-            let known: Vec<String> = names.to_vec();
-            return Err(place.key(name).unknown(what, name, &known));
+            return Err(place.key(name).unknown(what, name, names));
         }
         in_range(*weight, 0.0..=1e9, "a weight", &place.key(name))?;
     }
@@ -351,8 +352,6 @@ fn distribution(
             "within",
             table.within.unwrap_or([*range.start(), *range.end()]),
         )?;
-        // Beyond this nothing of the distribution is left to cut.
-        const FARTHEST: f64 = 30.0;
         if low > mean + FARTHEST * deviation || high < mean - FARTHEST * deviation {
             let message = format!(
                 "no value from {low} to {high} is within {FARTHEST} standard deviations of {mean}"

@@ -17,6 +17,8 @@ use super::settings::{Expression, Lighting, Occluder, View};
 
 /// Eyes turn no further.
 const MAX_GAZE_DEG: f64 = 40.0;
+/// Viewpoints of a recipe, a protection against typing errors.
+const MAX_VIEWS: usize = 1_000_000;
 /// Lengths beyond this are typing errors, mm.
 const MAX_LENGTH: f64 = 1e6;
 /// sRGB colours of cloth whose recipe names none.
@@ -228,6 +230,14 @@ pub(crate) fn views(tables: &[ViewTable], place: &Place) -> Result<Vec<View>, Pr
             for (k, &v) in values.iter().enumerate() {
                 in_range(v, -limit..=limit, key, &place.index(k))?;
             }
+        }
+        // Counted before there is memory for them.
+        let count = angles
+            .iter()
+            .try_fold(1, |n: usize, (_, values, _)| n.checked_mul(values.len()));
+        if count.is_none_or(|n| n + list.len() > MAX_VIEWS) {
+            let message = format!("the angles have more than {MAX_VIEWS} combinations");
+            return Err(place.problem(message));
         }
         let fov_y = in_range(
             table.fov_y_deg,

@@ -3,6 +3,7 @@
 //! Whatever is wrong in a recipe is found here, before any work, and shown with its file, line and column. Read
 //! [`file`] for what a recipe may say, [`Recipe`] for what it means, and `plan.rs` for how it becomes samples.
 
+use std::io::Read as _;
 use std::path::Path;
 
 use crate::Error;
@@ -21,13 +22,23 @@ pub use settings::{
     Expression, ImageSettings, Lighting, Occluder, Recipe, SubjectSource, Subjects, View,
 };
 
+/// Most bytes of a recipe.
+const MAX_BYTES: u64 = 16 << 20;
+
 impl Recipe {
     /// Reads and checks a recipe. Scans are looked for relative to its folder.
     ///
     /// # Errors
     /// [`Error::Io`] if it cannot be read, [`Error::Recipe`] with line and column of the first thing that is wrong.
     pub fn load(path: &Path) -> Result<Self, Error> {
-        let text = std::fs::read_to_string(path).map_err(|e| Error::io(path, e))?;
+        let file = std::fs::File::open(path).map_err(|e| Error::io(path, e))?;
+        let mut text = String::new();
+        let read = file.take(MAX_BYTES + 1).read_to_string(&mut text);
+        read.map_err(|e| Error::io(path, e))?;
+        if text.len() as u64 > MAX_BYTES {
+            let message = format!("a recipe has at most {MAX_BYTES} bytes");
+            return Err(RecipeError::at(path, "", None, message, None).into());
+        }
         let base = path.parent().unwrap_or(Path::new(""));
         Self::parse(&text, path, base)
     }

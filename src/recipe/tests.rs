@@ -166,6 +166,24 @@ fn grids_of_billions_are_checked_without_being_built() {
 }
 
 #[test]
+fn a_recipe_cannot_write_outside_the_current_folder() {
+    for output in ["/etc/x", "../x", "a/../../x"] {
+        let text = format!("[dataset]\nname = \"t\"\noutput = \"{output}\"\n{ONE}");
+        let error = Recipe::parse(&text, Path::new("t.toml"), Path::new("")).expect_err(output);
+        assert!(error.to_string().starts_with("t.toml:3:10: "), "{error}");
+    }
+}
+
+#[test]
+fn combinations_are_counted_before_they_are_made() {
+    let angles = vec!["0"; 20_000].join(", ");
+    let list = |key: &str| format!("{key} = [{angles}]\n");
+    let views = ["yaw_deg", "pitch_deg", "roll_deg"].map(list).concat();
+    let e = error(&format!("{ONE}[[view]]\n{views}"));
+    assert!(e.message.contains("more than 1000000 combinations"), "{e}");
+}
+
+#[test]
 fn all_subjects_come_once_and_in_order() {
     let known = facile_core::builtin::names();
     let last = known[known.len() - 1];

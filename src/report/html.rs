@@ -121,10 +121,10 @@ fn base64(bytes: &[u8]) -> String {
     for group in bytes.chunks(3) {
         let bits = group
             .iter()
-            .fold(0_u32, |bits, b| bits << 8 | u32::from(*b))
+            .fold(0_u32, |bits, b| (bits << 8) | u32::from(*b))
             << (8 * (3 - group.len()));
         for i in 0..4 {
-            let digit = DIGITS[(bits >> (18 - 6 * i) & 63) as usize];
+            let digit = DIGITS[((bits >> (18 - 6 * i)) & 63) as usize];
             out.push(if i <= group.len() {
                 char::from(digit)
             } else {

@@ -3,6 +3,7 @@
 //! It holds times, so it is no part of the dataset, whose bytes are the same in every run.
 
 use std::collections::BTreeMap;
+use std::fmt::Write as _;
 use std::fs::File;
 use std::io::{BufRead as _, BufReader};
 use std::path::Path;
@@ -213,7 +214,7 @@ fn failures(pipeline: &Pipeline, summary: &Summary) -> String {
         let picture = picture.map_or(String::new(), |png| {
             html::picture(&png, "the subject at rest")
         });
-        rows += &format!("<tr><td>{picture}</td>{cells}</tr>");
+        let _ = write!(rows, "<tr><td>{picture}</td>{cells}</tr>");
     }
     let heads = [
         "",

@@ -3,7 +3,7 @@
 //! Draws come in three stages, as the work is shared: *poses* (expression, muscles, jaw, gaze), *views* of a pose
 //! (camera, occluder) and *lights* of a view. Each stage draws a point of its own space for its own number, so a sample
 //! is a function of recipe and index alone. A draw that breaks a constraint is drawn again, in the stage that comes last
-//! among what the constraint is about. Read next [`pattern`], [`distribution`] and [`apply`].
+//! among what the constraint is about. Read next `pattern`, [`distribution`] and `apply`.
 
 use crate::Error;
 use crate::plan::Grid;

@@ -53,10 +53,11 @@ impl Points {
 
 /// The largest number below 1.
 const BELOW_ONE: f64 = 1.0 - f64::EPSILON / 2.0;
-/// Levels of the binary tree whose halves are exchanged; below them coordinates are random.
+/// Levels of the binary tree whose halves are exchanged; below them coordinates are random. There are fewer than 2^40
+/// points.
 const LEVELS: u32 = 40;
 
-/// A 64-bit mixing function (the finaliser of SplitMix64, Steele et al. 2014).
+/// A 64-bit mixing function (the finaliser of `SplitMix64`, Steele et al. 2014).
 pub(super) fn mix(v: u64) -> u64 {
     let v = v.wrapping_add(0x9e37_79b9_7f4a_7c15);
     let v = (v ^ (v >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -85,7 +86,7 @@ pub(super) fn permuted(number: u64, len: u64, key: u64) -> u64 {
             left = right;
             right = next;
         }
-        v = left << half | right;
+        v = (left << half) | right;
         if v < len {
             return v;
         }
@@ -100,7 +101,7 @@ fn scrambled(x: u64, key: u64) -> u64 {
         let above = if level == 0 {
             1
         } else {
-            x >> (64 - level) | 1 << level
+            (x >> (64 - level)) | (1 << level)
         };
         flips |= (mix(key ^ mix(above)) & 1) << (63 - level);
     }
@@ -113,8 +114,8 @@ fn sobol(number: u64, dimension: usize, key: u64) -> f64 {
     let (turn, dimension) = (dimension / directions.len(), dimension % directions.len());
     let number = match turn {
         0 => number,
-        // The same points in groups of 2^k, in another order.
-        _ => scrambled(number.reverse_bits(), mix(turn as u64)).reverse_bits(),
+        // The same points in another order that keeps blocks of 2^k together (B. Burley 2020).
+        _ => scrambled(number << (64 - LEVELS), mix(turn as u64)) >> (64 - LEVELS),
     };
     let mut x = 0;
     let mut rest = number;
@@ -123,7 +124,7 @@ fn sobol(number: u64, dimension: usize, key: u64) -> f64 {
         rest &= rest - 1;
     }
     let inside = mix(key ^ mix(number)) >> LEVELS;
-    let kept = scrambled(x, key) >> (64 - LEVELS) << (64 - LEVELS);
+    let kept = (scrambled(x, key) >> (64 - LEVELS)) << (64 - LEVELS);
     unit(kept | inside)
 }
 
@@ -163,7 +164,7 @@ fn directions() -> &'static [[u64; 64]] {
                     first[k] << (63 - k)
                 } else {
                     let taps = (1..degree)
-                        .filter(|j| coefficients >> (degree - 1 - j) & 1 == 1)
+                        .filter(|j| (coefficients >> (degree - 1 - j)) & 1 == 1)
                         .fold(0, |sum, j| sum ^ v[k - j]);
                     v[k - degree] ^ (v[k - degree] >> degree) ^ taps
                 };

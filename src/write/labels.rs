@@ -27,9 +27,9 @@ fn object(description: &str, properties: Value) -> Value {
         .into_iter()
         .flat_map(|p| p.keys())
         .collect();
-    json!({
-        "type": "object", "description": description, "required": required, "properties": properties,
-    })
+    let mut schema = json!({ "type": "object", "description": description, "required": required });
+    schema["properties"] = properties;
+    schema
 }
 
 fn text(description: &str) -> Value {

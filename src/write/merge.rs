@@ -1,7 +1,7 @@
 //! Parts of a dataset, made by processes or machines of their own, put together: the bytes of one run.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use super::folder::{Folder, read_journal, unit_numbers};
 use super::manifest::Manifest;
@@ -78,6 +78,13 @@ fn take(folder: &Folder, part: &Path) -> Result<(), Error> {
             continue;
         };
         for file in &journal.files {
+            let name = Path::new(&file.name);
+            if !name.components().all(|c| matches!(c, Component::Normal(_))) {
+                return Err(Error::Dataset {
+                    path: part.to_owned(),
+                    reason: format!("its journal names a file outside of it, `{}`", file.name),
+                });
+            }
             place(
                 &part.join(&file.name),
                 &folder.root().join(&file.name),

@@ -5,6 +5,7 @@ use std::sync::LazyLock;
 
 use facile_core::io::glb::{Glb, GlbPart, GlbTexture, Packing};
 use facile_core::io::{ScanOptions, decode_texture, parse_scan};
+use facile_core::rng::RandomStream;
 use facile_core::{Mesh, Point3, ReferenceHead, Subject, Texture};
 use proptest::prelude::*;
 
@@ -104,6 +105,60 @@ fn survive(name: &str, bytes: &[u8]) {
     }
 }
 
+const MTL: &[u8] =
+    b"newmtl a\nKd 1 0.5 0\nmap_Kd -s 1 1 1 -o 0 0 a.png\nnewmtl b\nmap_Kd ../b.png\nTr 0.5\n";
+
+/// The PNG inside the GLB.
+fn png() -> &'static [u8] {
+    let magic = b"\x89PNG";
+    let start = GLB.windows(4).position(|w| w == magic);
+    &GLB[start.expect("a picture")..]
+}
+
+/// Parses an OBJ whose material library lies beside it.
+fn survive_mtl(mtl: &[u8]) {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("parsers_survive");
+    std::fs::create_dir_all(&folder).expect("makes");
+    let name = format!("{:?}.mtl", std::thread::current().id()).replace(['(', ')'], "_");
+    std::fs::write(folder.join(&name), mtl).expect("writes");
+    let obj = [b"mtllib ", name.as_bytes(), b"\n", &OBJ[14..]].concat();
+    let _ = parse_scan(&obj, &folder.join("a.obj"), &ScanOptions::default());
+}
+
+/// Edits as [`edits`] draws them, faster.
+fn drawn_edits(random: &mut RandomStream) -> Vec<Edit> {
+    const USUAL: &[u8] = b"0123456789-+.e/ \n\\\"[]{},";
+    let byte = |random: &mut RandomStream| match random.index(3) {
+        0 => random.bits() as u8,
+        1 => USUAL[random.index(USUAL.len())],
+        _ => 0xff,
+    };
+    (0..1 + random.index(7))
+        .map(|_| {
+            let new = (0..1 + random.index(5)).map(|_| byte(random)).collect();
+            (random.unit(), random.index(3) as u8, new)
+        })
+        .collect()
+}
+
+#[test]
+#[ignore = "takes minutes: the million executions of the release check"]
+fn a_million_edited_files() {
+    let mut random = RandomStream::new(2026, 11);
+    let binary = binary_ply();
+    for execution in 0..1_000_000_u32 {
+        let edits = drawn_edits(&mut random);
+        match execution % 8 {
+            0 | 1 => survive("a.obj", &edited(OBJ, &edits)),
+            2 => survive("a.ply", &edited(PLY, &edits)),
+            3 => survive("a.ply", &edited(&binary, &edits)),
+            4 | 5 => survive("a.glb", &edited(&GLB, &edits)),
+            6 => drop(decode_texture(&edited(png(), &edits), Path::new("a.png"))),
+            _ => survive_mtl(&edited(MTL, &edits)),
+        }
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(400) })]
 
@@ -152,6 +207,16 @@ proptest! {
         let total = file.len() as u32;
         file[8..12].copy_from_slice(&total.to_le_bytes());
         survive("a.glb", &file);
+    }
+
+    #[test]
+    fn edited_png(edits in edits()) {
+        let _ = decode_texture(&edited(png(), &edits), Path::new("a.png"));
+    }
+
+    #[test]
+    fn edited_mtl(edits in edits()) {
+        survive_mtl(&edited(MTL, &edits));
     }
 
     #[test]

@@ -168,6 +168,7 @@ pub(crate) fn generate<'py>(
         overwrite,
         max_failures,
         report,
+        ..Options::default()
     };
     let (done, total) = (AtomicU64::new(0), AtomicU64::new(0));
     let run = |stop: &AtomicBool| {

@@ -1,0 +1,102 @@
+//! What is skipped changes no byte.
+
+mod common;
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use common::files;
+use facile::Recipe;
+use facile::generate::{Options, Unwatched, generate};
+use facile::pipeline::Skips;
+
+const RECIPE: &str = r#"
+[dataset]
+name = "skips"
+seed = 4
+
+[image]
+size = [64, 64]
+samples = "adaptive"
+truth = ["landmarks", "segments"]
+
+[subjects]
+sampled = 1
+
+[[expression]]
+name = "neutral"
+
+[[expression]]
+name = "smile"
+
+[[light]]
+name = "front"
+sources = [{ kind = "point", position = [100, 200, 800] }]
+
+[[light]]
+name = "even"
+sources = [{ kind = "ambient", intensity = 0.8 }]
+
+[[view]]
+yaw_deg = [0, 50]
+pitch_deg = [-15]
+"#;
+
+/// Pixels of images that differ, in all images together.
+fn differing_pixels(a: &BTreeMap<PathBuf, Vec<u8>>, b: &BTreeMap<PathBuf, Vec<u8>>) -> usize {
+    let images = a.keys().filter(|name| name.starts_with("images"));
+    let decode = |bytes: &[u8]| image::load_from_memory(bytes).expect("decodes").into_rgb8();
+    let count = |name: &PathBuf| {
+        let (a, b) = (decode(&a[name]), decode(&b[name]));
+        a.pixels().zip(b.pixels()).filter(|(a, b)| a != b).count()
+    };
+    images.map(count).sum()
+}
+
+#[test]
+fn every_saving_can_be_switched_off_without_changing_a_byte() {
+    let dir = tempfile::tempdir().expect("makes");
+    let recipe = Recipe::parse(RECIPE, Path::new("skips.toml"), Path::new("")).expect("valid");
+    let run = |name: &str, skips: Skips| {
+        let output = dir.path().join(name);
+        let options = Options {
+            output: Some(output.clone()),
+            skips,
+            ..Options::default()
+        };
+        let summary = generate(&recipe, &options, &Unwatched).unwrap_or_else(|e| panic!("{e}"));
+        assert_eq!((summary.made, summary.failures.len()), (8, 0));
+        (files(&output), summary.effort)
+    };
+    let (all, effort) = run("all", Skips::default());
+    let times = |effort: &facile::report::Effort, stage: &str| effort.stages[stage];
+    assert_eq!(
+        (times(&effort, "equilibria"), times(&effort, "tracing")),
+        (2, 4)
+    );
+    for (name, skips) in Skips::each_off() {
+        let (found, without) = run(name, skips);
+        if name == "closed_mouths" {
+            // Lips that are closed let a few rays through, where they meet.
+            let pixels = differing_pixels(&all, &found);
+            assert!(pixels <= 8, "{pixels} pixels differ without {name}");
+            continue;
+        }
+        for (file, bytes) in &all {
+            assert!(
+                bytes == &found[file],
+                "without {name}: {} differs",
+                file.display()
+            );
+        }
+        assert_eq!(found.len(), all.len(), "without {name}");
+        // The switch does what it says.
+        match name {
+            "shared_faces" => assert_eq!(times(&without, "equilibria"), 8),
+            "shared_views" => assert_eq!(times(&without, "tracing"), 8),
+            "cached_equilibria" => assert_eq!(without.equilibria, [1, 0]),
+            "faces_at_rest" => assert_eq!(without.equilibria.iter().sum::<u64>(), 2),
+            _ => {}
+        }
+    }
+}
