@@ -12,7 +12,7 @@ use serde::Serialize;
 
 use crate::Error;
 use crate::recipe::Recipe;
-use crate::sampling::Scene;
+use crate::sampling::{Sampling, Scene};
 
 /// The shape of the grid of samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -174,9 +174,10 @@ impl Recipe {
 
     /// The subject of a visit, which is its number unless samples are drawn.
     pub fn subject_of_visit(&self, visit: u64) -> u64 {
-        match &self.sampling {
-            Some(sampling) => sampling.subject(self.seed, visit, self.subjects.len()),
-            None => visit,
+        if self.sampling.is_some() {
+            Sampling::subject(self.seed, visit, self.subjects.len())
+        } else {
+            visit
         }
     }
 }

@@ -70,7 +70,7 @@ fn edited(random: &mut RandomStream) -> String {
         "../x",
     ];
     let mut text = RECIPE.to_owned();
-    for _ in 0..1 + random.index(3) {
+    for _ in 0..=random.index(3) {
         let bounds: Vec<usize> = text.char_indices().map(|(i, _)| i).collect();
         let mut at = random.index(bounds.len());
         let mut end = (at + random.index(12)).min(bounds.len() - 1);

@@ -122,7 +122,11 @@ impl Names {
         Self {
             expressions: recipe.expressions.iter().map(|e| e.name.clone()).collect(),
             lights: recipe.lightings.iter().map(|l| l.name.clone()).collect(),
-            occluders: recipe.occluders.iter().map(|o| o.kind()).collect(),
+            occluders: recipe
+                .occluders
+                .iter()
+                .map(super::settings::Occluder::kind)
+                .collect(),
         }
     }
 }

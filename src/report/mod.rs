@@ -207,24 +207,16 @@ fn failures(pipeline: &Pipeline, summary: &Summary) -> String {
             failure.expression.clone().unwrap_or_default(),
             failure.reason.clone(),
         ];
-        let cells: String = cells
-            .iter()
-            .map(|c| format!("<td>{}</td>", html::escaped(c)))
-            .collect();
+        let mut row = String::new();
+        for cell in cells {
+            let _ = write!(row, "<td>{}</td>", html::escaped(&cell));
+        }
         let picture = picture.map_or(String::new(), |png| {
             html::picture(&png, "the subject at rest")
         });
-        let _ = write!(rows, "<tr><td>{picture}</td>{cells}</tr>");
+        let _ = write!(rows, "<tr><td>{picture}</td>{row}</tr>");
     }
-    let heads = [
-        "",
-        "first sample",
-        "samples",
-        "subject",
-        "expression",
-        "reason",
-    ];
-    let heads: String = heads.iter().map(|h| format!("<th>{h}</th>")).collect();
+    let heads = "<th></th><th>first sample</th><th>samples</th><th>subject</th><th>expression</th><th>reason</th>";
     format!("<table><tr>{heads}</tr>{rows}</table>")
 }
 

@@ -116,7 +116,7 @@ impl Sampling {
     }
 
     /// Whose turn visit number `visit` is: all of `subjects` once in a random order, then all once again in another.
-    pub(crate) fn subject(&self, seed: u64, visit: u64, subjects: u64) -> u64 {
+    pub(crate) fn subject(seed: u64, visit: u64, subjects: u64) -> u64 {
         let turn = visit / subjects;
         permuted(visit % subjects, subjects, mix(seed ^ mix(turn) ^ 0x5eed))
     }
@@ -177,7 +177,7 @@ impl Sampling {
     /// [`Error::Draw`] if a constraint is not met after all tries.
     pub(crate) fn scene<'a>(&self, recipe: &'a Recipe, index: u64) -> Result<Scene<'a>, Error> {
         let visit = index / (self.poses_per_subject * self.views_per_pose * self.lights_per_view);
-        let subject = self.subject(recipe.seed, visit, recipe.subjects.len());
+        let subject = Self::subject(recipe.seed, visit, recipe.subjects.len());
         let [pose, view, light] = self.draw(recipe.seed, index)?;
         apply::scene(recipe, self, subject, [&pose, &view, &light])
     }

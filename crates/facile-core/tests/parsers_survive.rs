@@ -133,9 +133,9 @@ fn drawn_edits(random: &mut RandomStream) -> Vec<Edit> {
         1 => USUAL[random.index(USUAL.len())],
         _ => 0xff,
     };
-    (0..1 + random.index(7))
+    (0..=random.index(7))
         .map(|_| {
-            let new = (0..1 + random.index(5)).map(|_| byte(random)).collect();
+            let new = (0..=random.index(5)).map(|_| byte(random)).collect();
             (random.unit(), random.index(3) as u8, new)
         })
         .collect()

@@ -259,7 +259,7 @@ mod tests {
         for (i, (ray, found)) in rays.iter().zip(&colors).enumerate() {
             let expected = shader.radiance(ray, 0);
             assert_eq!(bits(found), bits(&expected), "{i}: {found:?} {expected:?}");
-            spawning += u32::from(surfaces[i / LANES].spawns >> (i % LANES) & 1);
+            spawning += (surfaces[i / LANES].spawns >> (i % LANES)) & 1;
         }
         assert!(spawning > 400, "{spawning}");
     }

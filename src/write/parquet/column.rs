@@ -132,7 +132,8 @@ impl Column {
             return None;
         };
         values.push(v);
-        self.note(level, size_of::<i64>())
+        self.note(level, size_of::<i64>());
+        Some(())
     }
 
     /// Adds a number.
@@ -141,7 +142,8 @@ impl Column {
             return None;
         };
         values.push(v);
-        self.note(level, size_of::<f64>())
+        self.note(level, size_of::<f64>());
+        Some(())
     }
 
     /// Adds bytes or a text of the next row.
@@ -150,13 +152,13 @@ impl Column {
             return None;
         };
         values.push(v.to_vec().into());
-        self.note(0, v.len())
+        self.note(0, v.len());
+        Some(())
     }
 
-    fn note(&mut self, level: i16, bytes: usize) -> Option<()> {
+    fn note(&mut self, level: i16, bytes: usize) {
         self.starts.push(level);
         self.bytes += bytes;
-        Some(())
     }
 
     /// Bytes at hand.

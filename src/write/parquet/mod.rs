@@ -1,4 +1,4 @@
-//! The `parquet` format: tables that Hugging Face `datasets`, pandas and DuckDB open.
+//! The `parquet` format: tables that Hugging Face `datasets`, pandas and `DuckDB` open.
 //!
 //! A row holds a sample: image and maps as files inside the table, labels as numbers, lists and classes with names, the
 //! whole record as JSON. The names and types that `datasets` shows are in the file's metadata under `huggingface`. Pages
