@@ -38,6 +38,7 @@ mod scan;
 mod shading;
 mod surface;
 mod template;
+mod texel_map;
 mod texture;
 
 pub use error::FlowError;

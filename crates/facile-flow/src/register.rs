@@ -14,7 +14,7 @@ use crate::onto_surface::{Settled, settle};
 use crate::report::{RegistrationReport, quantile, rows_of};
 use crate::scan::{WorkingScan, clean};
 use crate::template::Template;
-use crate::texture::TexelMaps;
+use crate::texel_map::TexelMaps;
 use crate::{FlowError, RegistrationParams, eyes, folds, iris, texture};
 
 /// A registered scan.

@@ -6,15 +6,14 @@
 //! and multiplied in, so that no seam shows and no colour is smeared. The slit between the lids, the sockets and the
 //! inside of the mouth always come from the mean texture: scans have the eyes painted on the surface.
 
-use std::sync::OnceLock;
-
 use facile_core::color::srgb8_from_linear;
-use facile_core::{Plane, Point3, Segment, Texture, Vector3};
+use facile_core::{Point3, Segment, Texture, Vector3};
 use rayon::prelude::*;
 
 use crate::scan::WorkingScan;
 use crate::shading::Shading;
-use crate::template::{Template, in_front};
+use crate::template::Template;
+use crate::texel_map::{TexelMap, TexelMaps};
 
 /// Scan surface further from the registered skin than this lends no colour, mm.
 const REACH: f64 = 3.0;
@@ -26,152 +25,6 @@ const SLIT_RINGS: u32 = 2;
 const TONE_SWEEPS: usize = 60;
 /// Darkest linear value in ratios of colours.
 const DARK: f64 = 0.004;
-
-/// Sides of textures that may be chosen, in eighths of the largest, and the least of them in texels.
-const SIZES: [usize; 5] = [8, 6, 4, 3, 2];
-const LEAST_SIZE: usize = 512;
-/// A texture may have this share of the scan's own texels along a line before a larger one is taken.
-const ENOUGH: f64 = 0.95;
-
-/// Where each texel lies on the fine mesh; the same for every scan.
-pub(crate) struct TexelMap {
-    /// Triangle of each texel's centre, or `u32::MAX`.
-    triangle: Plane<u32>,
-    /// Weights of the second and third corner.
-    weights: Plane<[f32; 2]>,
-}
-
-/// The texel maps of the sizes that scans may ask for; each is made when first used.
-pub(crate) struct TexelMaps {
-    largest: usize,
-    maps: [OnceLock<TexelMap>; SIZES.len()],
-}
-
-impl TexelMaps {
-    /// `largest`: side of the largest texture, texels.
-    pub(crate) fn new(largest: usize) -> Self {
-        Self {
-            largest,
-            maps: [const { OnceLock::new() }; SIZES.len()],
-        }
-    }
-
-    /// The map that holds what the scan's own texture shows of the face: the smallest that is about as fine.
-    pub(crate) fn of(
-        &self,
-        template: &Template<'_>,
-        scan: &WorkingScan<'_>,
-        positions: &[Point3],
-    ) -> &TexelMap {
-        let wanted = ENOUGH * wanted_size(template, scan, positions);
-        let side = |k: usize| self.largest * SIZES[k] / SIZES[0];
-        let chosen = (1..SIZES.len())
-            .take_while(|&k| side(k) >= LEAST_SIZE && side(k) as f64 >= wanted)
-            .last()
-            .unwrap_or(0);
-        self.maps[chosen].get_or_init(|| TexelMap::new(template, side(chosen)))
-    }
-}
-
-/// Side of the subject's texture, texels, that shows the face as finely as the scan does.
-fn wanted_size(template: &Template<'_>, scan: &WorkingScan<'_>, positions: &[Point3]) -> f64 {
-    let mesh = &template.reference.mesh;
-    let own = (mesh.triangles.iter().zip(&mesh.texcoord_triangles))
-        .filter(|(t, _)| t.iter().all(|v| template.face[*v as usize]))
-        .map(|(t, uv)| {
-            let area = triangle_area(&t.map(|v| positions[v as usize]));
-            (texel_area(&mesh.texcoords, *uv, [1.0; 2]), area)
-        });
-    let texture = scan
-        .texture
-        .map_or([0.0; 2], |t| [t.width() as f64, t.height() as f64]);
-    let shown = (scan
-        .mesh
-        .triangles
-        .iter()
-        .zip(&scan.mesh.texcoord_triangles))
-    .map(|(t, uv)| (t.map(|v| scan.mesh.positions[v as usize]), uv))
-    .filter(|(corners, _)| in_front(&corners[0]))
-    .map(|(corners, uv)| {
-        (
-            texel_area(&scan.mesh.texcoords, *uv, texture),
-            triangle_area(&corners),
-        )
-    });
-    density(shown) / density(own).max(1e-12)
-}
-
-/// Texels along a line of 1 mm, over triangles with their areas in texels and in mm^2.
-fn density(triangles: impl Iterator<Item = (f64, f64)>) -> f64 {
-    let (texels, area) = triangles.fold((0.0, 0.0), |s, t| (s.0 + t.0, s.1 + t.1));
-    (texels / f64::max(area, 1e-9)).sqrt()
-}
-
-fn triangle_area([a, b, c]: &[Point3; 3]) -> f64 {
-    0.5 * (b - a).cross(&(c - a)).norm()
-}
-
-/// Area of a triangle of texture coordinates on a texture of this size.
-fn texel_area(texcoords: &[[f32; 2]], corners: [u32; 3], [width, height]: [f64; 2]) -> f64 {
-    let [a, b, c] = corners.map(|i| texcoords[i as usize].map(f64::from));
-    let double = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
-    0.5 * double.abs() * width * height
-}
-
-impl TexelMap {
-    /// Rasterises the texture coordinates of the template at `size` x `size`; texels up to 2 outside a triangle take
-    /// the nearest, so that bilinear sampling finds colour across the charts' borders.
-    pub(crate) fn new(template: &Template<'_>, size: usize) -> Self {
-        let mesh = &template.reference.mesh;
-        let mut map = Self {
-            triangle: Plane::filled(size, size, u32::MAX),
-            weights: Plane::filled(size, size, [0.0; 2]),
-        };
-        let n = size as f64;
-        let mut gap = Plane::filled(size, size, f64::INFINITY);
-        for (t, corners) in mesh.texcoord_triangles.iter().enumerate() {
-            let [a, b, c] = corners.map(|i| {
-                let [u, v] = mesh.texcoords[i as usize].map(f64::from);
-                [u * n - 0.5, (1.0 - v) * n - 0.5]
-            });
-            let area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
-            if area.abs() < 1e-12 {
-                continue;
-            }
-            let range = |k: usize| {
-                let low = a[k].min(b[k]).min(c[k]) - 2.0;
-                let high = a[k].max(b[k]).max(c[k]) + 2.0;
-                low.ceil().max(0.0) as usize..=(high.floor().min(n - 1.0)).max(0.0) as usize
-            };
-            for y in range(1) {
-                for x in range(0) {
-                    let (px, py) = (x as f64 - a[0], y as f64 - a[1]);
-                    let v = (px * (c[1] - a[1]) - py * (c[0] - a[0])) / area;
-                    let w = ((b[0] - a[0]) * py - (b[1] - a[1]) * px) / area;
-                    let (v, w, outside) = clamp_to_triangle(v, w, [a, b, c], [x as f64, y as f64]);
-                    if outside <= 2.0 && outside < gap[(x, y)] {
-                        gap[(x, y)] = outside;
-                        map.triangle[(x, y)] = t as u32;
-                        map.weights[(x, y)] = [v as f32, w as f32];
-                    }
-                }
-            }
-        }
-        map
-    }
-}
-
-/// Weights moved into the triangle, and by how many texels.
-fn clamp_to_triangle(v: f64, w: f64, [a, b, c]: [[f64; 2]; 3], at: [f64; 2]) -> (f64, f64, f64) {
-    if v >= 0.0 && w >= 0.0 && v + w <= 1.0 {
-        return (v, w, 0.0);
-    }
-    let lift = |p: [f64; 2]| Point3::new(p[0], p[1], 0.0);
-    let corners = [lift(a), lift(b), lift(c)];
-    let [u, v, w] = facile_core::mesh::closest_barycentric(&lift(at), &corners);
-    let near = corners[0].coords * u + corners[1].coords * v + corners[2].coords * w;
-    (v, w, (near - lift(at).coords).norm())
-}
 
 /// A colour found on the scan, linear, with trust in `[0, 1]`.
 #[derive(Clone, Copy, Default)]
@@ -195,13 +48,6 @@ pub(crate) fn bake(
     }
     let map = maps.of(template, scan, positions);
     let size = map.triangle.width();
-    let mean_at = |x: usize, y: usize| {
-        let middle = [x, y].map(|v| (v as f32 + 0.5) / size as f32);
-        template
-            .reference
-            .texture
-            .sample([middle[0], 1.0 - middle[1]])
-    };
     let allowed = allowed_vertices(template);
     let normals = facile_core::mesh::vertex_normals(positions, &template.reference.mesh.triangles);
     let lookup = Lookup {
@@ -230,50 +76,103 @@ pub(crate) fn bake(
     let (tone, trust) = tone(template, &at_vertices, &allowed);
     let tone: Vec<[f32; 3]> = tone.iter().map(|t| t.map(|v| v as f32).into()).collect();
     let trust: Vec<f32> = trust.iter().map(|t| *t as f32).collect();
+    let baker = Baker {
+        template,
+        map,
+        lookup,
+        positions,
+        normals,
+        at_vertices,
+        even,
+        tone,
+        trust,
+    };
     let mut texels = vec![[0_u8; 3]; size * size];
     texels
         .par_chunks_mut(size)
         .enumerate()
         .for_each(|(y, row)| {
+            let mut last = (u32::MAX, 0);
             for (x, texel) in row.iter_mut().enumerate() {
-                let mean = mean_at(x, y);
-                let t = map.triangle[(x, y)];
-                if t == u32::MAX {
-                    *texel = encode(mean);
-                    continue;
-                }
-                let corners = template.reference.mesh.triangles[t as usize].map(|i| i as usize);
-                let [v, w] = map.weights[(x, y)];
-                let share = [1.0 - v - w, v, w];
-                let own = (0..3).map(|k| share[k] * trust[corners[k]]).sum::<f32>();
-                let filled: [f32; 3] = std::array::from_fn(|c| {
-                    let gain: f32 = (0..3).map(|k| share[k] * tone[corners[k]][c]).sum();
-                    mean[c] * gain
-                });
-                if own <= 0.0 {
-                    *texel = encode(filled);
-                    continue;
-                }
-                let share = share.map(f64::from);
-                let at = mix(&corners, &share, |i| positions[i].coords);
-                let normal = mix(&corners, &share, |i| normals[i]);
-                let start = (0..3)
-                    .filter(|k| at_vertices[corners[*k]].trust > 0.0)
-                    .max_by(|a, b| share[*a].total_cmp(&share[*b]))
-                    .map(|k| at_vertices[corners[k]].triangle);
-                let found = start.map_or_else(Found::default, |start| {
-                    lookup.follow(start, &Point3::from(at), &normal)
-                });
-                let own = own * found.trust;
-                let factor = (0..3)
-                    .map(|k| share[k] as f32 * even[corners[k]])
-                    .sum::<f32>();
-                *texel = encode(std::array::from_fn(|c| {
-                    filled[c] * (1.0 - own) + found.color[c] * factor * own
-                }));
+                *texel = baker.texel(x, y, &mut last);
             }
         });
     Texture::new(size, size, texels)
+}
+
+/// What the colour of a texel depends on.
+struct Baker<'a, 'b> {
+    template: &'a Template<'a>,
+    map: &'a TexelMap,
+    lookup: Lookup<'a, 'b>,
+    positions: &'a [Point3],
+    normals: Vec<Vector3>,
+    /// Colours at the vertices give the texels around them a place to start from.
+    at_vertices: Vec<Found>,
+    /// By vertex: factors that even the light out, ratio of the scan's to the mean colour, trust in the scan's.
+    even: Vec<f32>,
+    tone: Vec<[f32; 3]>,
+    trust: Vec<f32>,
+}
+
+impl Baker<'_, '_> {
+    /// The colour of a texel; `last` holds the triangles of head and scan under the one before it in its row.
+    fn texel(&self, x: usize, y: usize, last: &mut (u32, u32)) -> [u8; 3] {
+        let t = self.map.triangle[(x, y)];
+        if t == u32::MAX {
+            return encode(self.mean(x, y));
+        }
+        let corners = self.template.reference.mesh.triangles[t as usize].map(|i| i as usize);
+        let [v, w] = self.map.weights[(x, y)];
+        let share = [1.0 - v - w, v, w];
+        let sum = |value: &dyn Fn(usize) -> f32| {
+            share[0] * value(corners[0])
+                + share[1] * value(corners[1])
+                + share[2] * value(corners[2])
+        };
+        let trust = sum(&|i| self.trust[i]);
+        let found = if trust > 0.0 {
+            self.follow(t, corners, share.map(f64::from), last)
+        } else {
+            Found::default()
+        };
+        let own = trust * found.trust;
+        let factor = own * sum(&|i| self.even[i]);
+        let mut color = found.color.map(|c| c * factor);
+        // What the scan does not show has the mean's detail in the scan's tone.
+        if own < 1.0 {
+            let mean = self.mean(x, y);
+            for (c, value) in color.iter_mut().enumerate() {
+                *value += mean[c] * sum(&|i| self.tone[i][c]) * (1.0 - own);
+            }
+        }
+        encode(color)
+    }
+
+    /// Linear RGB of the mean texture at a texel.
+    fn mean(&self, x: usize, y: usize) -> [f32; 3] {
+        let size = self.map.triangle.width() as f32;
+        let [u, v] = [x, y].map(|v| (v as f32 + 0.5) / size);
+        self.template.reference.texture.sample([u, 1.0 - v])
+    }
+
+    /// The scan's colour at a point of triangle `t`.
+    fn follow(&self, t: u32, corners: [usize; 3], share: [f64; 3], last: &mut (u32, u32)) -> Found {
+        let start = if last.0 == t {
+            last.1
+        } else {
+            let seen = (0..3).filter(|k| self.at_vertices[corners[*k]].trust > 0.0);
+            let Some(nearest) = seen.max_by(|a, b| share[*a].total_cmp(&share[*b])) else {
+                return Found::default();
+            };
+            self.at_vertices[corners[nearest]].triangle
+        };
+        let at = Point3::from(mix(&corners, &share, |i| self.positions[i].coords));
+        let normal = mix(&corners, &share, |i| self.normals[i]);
+        let found = self.lookup.follow(start, &at, &normal);
+        *last = (t, found.triangle);
+        found
+    }
 }
 
 /// Factors that take out the shading the scan was lit with.
