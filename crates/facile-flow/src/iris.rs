@@ -18,6 +18,8 @@ const SPOKES: usize = 24;
 const REACH: f64 = 6.0;
 /// Darkest linear value in ratios of colours.
 const DARK: f32 = 0.004;
+/// A hue further than this from those of all eye textures is none: small or badly lit eyes.
+const CLEAR: f32 = 0.6;
 /// The colour of eyes that cannot be seen: most people's.
 const UNSEEN: &str = "brown";
 
@@ -44,6 +46,7 @@ pub(crate) fn eye_color(
     let own = median(seen);
     textures
         .map(|(name, texture)| (distance(own, iris_of(texture)), name))
+        .filter(|(distance, _)| *distance < CLEAR)
         .min_by(|a, b| a.0.total_cmp(&b.0))
         .map_or_else(unseen, |(_, name)| name.clone())
 }
