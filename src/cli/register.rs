@@ -31,6 +31,9 @@ pub(super) struct Arguments {
     /// Even out the light that is baked into the scan's colours.
     #[arg(long)]
     delight: bool,
+    /// Quick look: coarse maps and fewer rounds, half of the time, at most a quarter more error.
+    #[arg(long)]
+    coarse: bool,
 }
 
 /// Names the scan in errors that do not.
@@ -45,7 +48,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<u8> {
     let texture = arguments.texture.as_deref();
     let params = RegistrationParams {
         delight: arguments.delight,
-        ..RegistrationParams::default()
+        ..if arguments.coarse {
+            RegistrationParams::coarse()
+        } else {
+            RegistrationParams::default()
+        }
     };
     let registrations = match &arguments.reference {
         Some(dir) => Registrations::to(ReferenceHead::load(dir)?, params),

@@ -48,6 +48,8 @@ pub fn known_people(count: u64) -> Result<Vec<KnownScan>, facile_core::CoreError
 pub fn settings() -> Vec<(&'static str, String, RegistrationParams)> {
     let base = RegistrationParams {
         texture_size: 256,
+        // They are faces, also for settings that do not look at curvature.
+        min_curvature_correlation: -1.0,
         ..RegistrationParams::default()
     };
     let mut all = Vec::new();
