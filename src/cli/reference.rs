@@ -82,7 +82,7 @@ fn build(arguments: &Build) -> anyhow::Result<u8> {
         .into());
     }
     let start = match &arguments.reference {
-        Some(dir) => ReferenceHead::load(dir)?,
+        Some(dir) => reference_in(dir)?,
         None => ReferenceHead::embedded().clone(),
     };
     let params = RegistrationParams {
@@ -125,6 +125,12 @@ fn build(arguments: &Build) -> anyhow::Result<u8> {
         arguments.tolerance_mm, arguments.rounds
     ));
     Ok(FAILED)
+}
+
+/// The reference head in a folder.
+pub(super) fn reference_in(dir: &Path) -> anyhow::Result<ReferenceHead> {
+    ReferenceHead::load(dir)
+        .map_err(|e| anyhow::anyhow!("{} holds no reference head: {e}", dir.display()))
 }
 
 /// The scans of a folder by name.

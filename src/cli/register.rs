@@ -2,10 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use facile::core::ReferenceHead;
 use facile::flow::RegistrationParams;
 use facile::pipeline::Registrations;
 
+use super::reference::reference_in;
 use super::{DONE, output};
 
 #[derive(Debug, clap::Args)]
@@ -55,7 +55,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<u8> {
         }
     };
     let registrations = match &arguments.reference {
-        Some(dir) => Registrations::to(ReferenceHead::load(dir)?, params),
+        Some(dir) => Registrations::to(reference_in(dir)?, params),
         None => Registrations::with(params),
     };
     let registered = registrations

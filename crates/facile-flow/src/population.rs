@@ -39,6 +39,29 @@ impl Default for PopulationParams {
     }
 }
 
+impl PopulationParams {
+    fn validate(&self) -> Result<(), FlowError> {
+        let tolerance = (
+            "tolerance_mm",
+            self.tolerance_mm,
+            1e-6,
+            1e3,
+            "1e-6 to 1000 mm",
+        );
+        let rounds = ("max_rounds", self.max_rounds as f64, 1.0, 1e3, "1 to 1000");
+        for (name, found, low, high, allowed) in [tolerance, rounds] {
+            if !(low..=high).contains(&found) {
+                return Err(FlowError::Parameter {
+                    name,
+                    found,
+                    allowed,
+                });
+            }
+        }
+        Ok(())
+    }
+}
+
 /// One round over the population.
 #[derive(Clone, Debug)]
 pub struct Round {
@@ -71,7 +94,8 @@ pub struct PopulationMean {
 /// number of threads. Cost: rounds x count registrations; memory: a few scans.
 ///
 /// # Errors
-/// [`FlowError::Population`] if fewer than `at_least` scans can be registered; errors of [`Registrar::new`].
+/// [`FlowError::Population`] if fewer than `at_least` scans can be registered; [`FlowError::Parameter`] for values of
+/// `stop` out of range; errors of [`Registrar::new`].
 pub fn build_reference<E: std::fmt::Display>(
     start: &ReferenceHead,
     count: usize,
@@ -80,6 +104,7 @@ pub fn build_reference<E: std::fmt::Display>(
     stop: PopulationParams,
     mut progress: impl FnMut(&Round),
 ) -> Result<PopulationMean, FlowError> {
+    stop.validate()?;
     let mut mean = PopulationMean {
         head: start.clone(),
         rounds: Vec::new(),

@@ -73,3 +73,23 @@ fn too_small_a_population_is_refused_with_the_numbers() {
     ));
     assert!(error.to_string().contains("torn file"), "{error}");
 }
+
+#[test]
+fn a_mean_that_could_never_be_reached_is_refused() {
+    let never = |_| Err::<Scan, _>("not read");
+    let good = PopulationParams::default();
+    for stop in [
+        PopulationParams {
+            tolerance_mm: f64::NAN,
+            ..good
+        },
+        PopulationParams {
+            max_rounds: 0,
+            ..good
+        },
+    ] {
+        let error = build_reference(ReferenceHead::embedded(), 2, never, &params(), stop, |_| ())
+            .expect_err("out of range");
+        assert!(matches!(error, FlowError::Parameter { .. }), "{error}");
+    }
+}
