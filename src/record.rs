@@ -10,6 +10,7 @@ use facile_core::{Attributes, Matrix3, Point3, Vector3};
 use facile_flow::RegistrationReport;
 use facile_sim::{Certificate, Sides};
 use facile_trace::LightSource;
+use facile_trace::hair::Hair;
 use serde::Serialize;
 
 use crate::recipe::Occluder;
@@ -66,6 +67,9 @@ pub struct SubjectRecord {
     pub attributes: Attributes,
     /// How well the scan was registered; `null` for sampled subjects.
     pub registration: Option<RegistrationReport>,
+    /// Style and colour of the hair; none but what the skin shows if not given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub hair: Option<Hair>,
 }
 
 /// What a face does.

@@ -24,6 +24,7 @@ def main() -> None:
     if len(sys.argv) > 1:
         run(sys.argv[1], "build_landmarks.py")
     run(sys.executable, "build_identity.py")
+    run(sys.executable, "build_hair.py")
     run(sys.executable, "build_subjects.py")
 
 

@@ -8,6 +8,7 @@ mod animate;
 mod cache;
 mod clock;
 mod equilibria;
+mod hair;
 mod pose;
 mod register;
 mod render;
@@ -49,6 +50,7 @@ pub struct Pipeline {
     face_vertices: Vec<u32>,
     registrations: Registrations,
     equilibria: Equilibria,
+    wardrobe: hair::Wardrobe,
     clock: Clock,
     skips: Skips,
 }
@@ -97,6 +99,7 @@ impl Pipeline {
                 ..RegistrationParams::default()
             }),
             equilibria: Equilibria::new(),
+            wardrobe: hair::Wardrobe::new(),
             clock: Clock::default(),
             skips,
             recipe,

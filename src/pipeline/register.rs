@@ -12,10 +12,11 @@ use facile_core::io::{self, Scan};
 use facile_core::{ReferenceHead, Subject, builtin};
 use facile_flow::{Registrar, RegistrationParams, RegistrationReport, ScanLandmarks};
 use facile_sim::FaceModel;
+use facile_trace::hair::Hair;
 
 use super::Pipeline;
 use super::cache::{Cache, Counts};
-use super::equilibria;
+use super::{equilibria, hair};
 use crate::Error;
 use crate::recipe::SubjectSource;
 
@@ -64,6 +65,8 @@ pub struct Person {
     pub registration: Option<RegistrationReport>,
     /// What moves the face; `None` where every face of the recipe is at rest.
     pub model: Option<FaceModel>,
+    /// Hair beyond what the skin shows.
+    pub hair: Option<Hair>,
     /// What the user should know of how the scan was read.
     pub notices: Vec<String>,
 }
@@ -85,7 +88,15 @@ impl Pipeline {
         };
         let mut subject_value = registered.subject;
         subject_value.id = self.subject_id(subject);
-        self.person_of(subject_value, kind, registered.report, registered.notices)
+        let hair = hair::of_subject(
+            &self.recipe().hair,
+            self.recipe().seed,
+            subject,
+            kind,
+            &subject_value,
+        );
+        let person = self.person_of(subject_value, kind, registered.report, registered.notices)?;
+        Ok(Person { hair, ..person })
     }
 
     /// Prepares a subject that is there already.
@@ -105,6 +116,7 @@ impl Pipeline {
             .transpose()?;
         Ok(Person {
             shape: equilibria::shape(&subject),
+            hair: hair::of_subject(&self.recipe().hair, self.recipe().seed, 0, kind, &subject),
             subject,
             kind,
             registration,

@@ -6,7 +6,7 @@ use facile_trace::math::Rgb;
 use facile_trace::occluder::FaceFit;
 use facile_trace::{Camera, HeadScene, RenderSettings, Truth as TraceTruth, View as TracedView};
 
-use super::{Face, Person, Pipeline};
+use super::{Face, Person, Pipeline, hair};
 use crate::Error;
 use crate::recipe::file::Truth;
 use crate::recipe::{ImageSettings, Occluder, View};
@@ -23,11 +23,17 @@ impl Pipeline {
     /// [`Error::Trace`] for a subject that cannot be rendered.
     pub fn head_scene(&self, person: &Person) -> Result<HeadScene, Error> {
         let background = linear(self.recipe().image.background);
-        Ok(HeadScene::new(
-            self.reference(),
-            &person.subject,
-            background,
-        )?)
+        let (reference, subject) = (self.reference(), &person.subject);
+        let mut scene = HeadScene::new(reference, subject, background)?;
+        let settings = &self.recipe().hair;
+        if settings.lashes && hair::is_for(settings, person.kind) {
+            scene.add_lashes(self.wardrobe.lashes(reference)?, &subject.positions)?;
+        }
+        if let Some(hair) = &person.hair {
+            let fit = self.wardrobe.style(reference, &hair.style)?;
+            scene.add_hair(reference, subject, fit, hair)?;
+        }
+        Ok(scene)
     }
 
     /// Brings the head of a scene into an expression.

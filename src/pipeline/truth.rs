@@ -148,6 +148,7 @@ impl Pipeline {
                 kind: person.kind,
                 attributes: person.subject.attributes.clone(),
                 registration: person.registration.clone(),
+                hair: person.hair.clone(),
             },
             expression: self.expression_record(&scene.expression, face),
             light: LightRecord {
@@ -214,8 +215,8 @@ fn square([left, top, right, bottom]: [f64; 4], margin: f64) -> [f64; 4] {
     [x - half, y - half, x + half, y + half].map(rounded)
 }
 
-/// `visible`, or what hides a landmark: `frame` (outside the image), `occluder`, `closed_mouth` (the other lip) or
-/// `self` (the head).
+/// `visible`, or what hides a landmark: `frame` (outside the image), `occluder`, `closed_mouth` (the other lip),
+/// `hair` or `self` (the head).
 fn hidden_by(point: &Point3, own: Segment, scene: &HeadScene, camera: &Camera) -> &'static str {
     let Some((px, depth)) = camera
         .project(point)
@@ -229,8 +230,17 @@ fn hidden_by(point: &Point3, own: Segment, scene: &HeadScene, camera: &Camera) -
     };
     let scene = &scene.scene;
     let is_lip = |s| matches!(s, Segment::UpperLip | Segment::LowerLip);
-    if let Some(hit) = scene.closest_hit(&ray, Layer::BehindOccluders) {
+    let mut rest = ray;
+    while let Some(hit) = scene.closest_hit(&rest, Layer::BehindOccluders) {
         let blocking = scene.objects()[hit.object as usize].segment_at(&hit);
+        // One sees through lashes
+        if blocking == Segment::Lashes {
+            rest.t_min = hit.t;
+            continue;
+        }
+        if blocking == Segment::Hair {
+            return "hair";
+        }
         return if is_lip(own) && is_lip(blocking) && blocking != own {
             "closed_mouth"
         } else {
@@ -238,7 +248,7 @@ fn hidden_by(point: &Point3, own: Segment, scene: &HeadScene, camera: &Camera) -
         };
     }
     // A lens does not hide what is behind it, the frame does.
-    if scene.transmittance(&ray).max() <= 0.0 {
+    if scene.transmittance_of_occluders(&ray).max() <= 0.0 {
         "occluder"
     } else {
         "visible"

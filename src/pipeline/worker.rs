@@ -180,7 +180,7 @@ impl Worker {
                 Some(posed) => posed.scene,
                 None => pipeline.head_scene(person)?,
             };
-            scene.scene.truncate(HeadScene::PARTS);
+            scene.remove_added();
             pipeline.show_face(&mut scene, &face)?;
             Ok::<_, Error>(scene)
         })?;
@@ -200,7 +200,7 @@ impl Worker {
             unreachable!("a face is posed before it is traced");
         };
         if posed.occluder.as_ref() != Some(occluder) {
-            posed.scene.scene.truncate(HeadScene::PARTS);
+            posed.scene.remove_added();
             let add = || pipeline.add_occluder(&mut posed.scene, occluder);
             clock.time(Work::Scenes, add)?;
             posed.occluder = Some(occluder.clone());

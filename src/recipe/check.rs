@@ -3,16 +3,16 @@
 use std::ops::RangeInclusive;
 use std::path::{Component, Path, PathBuf};
 
-use facile_core::builtin;
+use facile_core::{HairStyle, builtin};
 use facile_trace::Samples;
 
 use super::check_sampling::sampling;
 use super::check_scene::{expressions, lightings, occluders, sensor, views};
 use super::file::{
-    DatasetTable, Format, ImageTable, RecipeFile, SamplesTable, SubjectsTable, Truth,
+    DatasetTable, Format, HairTable, ImageTable, RecipeFile, SamplesTable, SubjectsTable, Truth,
 };
 use super::problem::{Place, Problem};
-use super::settings::{ImageSettings, Recipe, Subjects};
+use super::settings::{HairSettings, ImageSettings, Recipe, Subjects};
 use crate::pipeline::Scheme;
 
 /// Limits that protect against typing errors, not against large datasets.
@@ -34,6 +34,7 @@ pub(crate) fn check(file: RecipeFile, base: &Path) -> Result<Recipe, Problem> {
         coco: file.dataset.coco,
         image: image(&file.image, &root.key("image"))?,
         subjects: subjects(&file.subjects, &root.key("subjects"), base)?,
+        hair: hair(&file.hair, &root.key("hair"))?,
         solver: file.simulation.solver.into(),
         sensor: sensor(&file.sensor, &root.key("sensor"))?,
         expressions: expressions(&file.expressions, &root.key("expression"))?,
@@ -217,6 +218,20 @@ fn subjects(table: &SubjectsTable, place: &Place, base: &Path) -> Result<Subject
             .help("give at least one of scans = [\"*.obj\"], builtin = [\"all\"], sampled = 10"));
     }
     Ok(subjects)
+}
+
+fn hair(table: &HairTable, place: &Place) -> Result<HairSettings, Problem> {
+    let known: Vec<String> = std::iter::once("none")
+        .chain(HairStyle::names())
+        .map(str::to_owned)
+        .collect();
+    for (i, style) in table.styles.iter().enumerate() {
+        if !known.contains(style) {
+            let place = place.key("styles").index(i);
+            return Err(place.unknown("hair style", style, &known));
+        }
+    }
+    Ok(HairSettings::from(table))
 }
 
 fn matching_files(pattern: &str, base: &Path, place: &Place) -> Result<Vec<PathBuf>, Problem> {

@@ -23,6 +23,9 @@ pub struct RecipeFile {
     pub image: ImageTable,
     /// Whose faces.
     pub subjects: SubjectsTable,
+    /// Hair of the heads that the program makes; scans bring their own.
+    #[serde(default)]
+    pub hair: HairTable,
     /// How faces are brought to equilibrium.
     #[serde(default)]
     pub simulation: SimulationTable,
@@ -186,6 +189,46 @@ pub struct SubjectsTable {
     pub sampled: i64,
     /// Even out the light that is baked into the colours of scans.
     pub delight: bool,
+}
+
+/// `[hair]`: cards of hair on heads, in a style and colour for each person.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct HairTable {
+    /// Subjects that get hair and lashes; none for an empty list. Those that are left out show what is painted on their skin.
+    pub on: Vec<SubjectKind>,
+    /// Styles to draw from: `afro01`, `bob01`, `bob02`, `braid01`, `long01`, `ponytail01`, `short01` to `short04`, or `none`
+    /// for the cropped hair that is painted on the skin. If there are none, one that suits the person.
+    pub styles: Vec<String>,
+    /// sRGB colours to draw from, from 0 to 255; the person's own if there are none.
+    pub colors: Vec<[u8; 3]>,
+    /// Whether the same subjects get lashes.
+    pub lashes: bool,
+}
+
+impl Default for HairTable {
+    fn default() -> Self {
+        Self {
+            on: vec![SubjectKind::Builtin, SubjectKind::Sampled],
+            styles: Vec::new(),
+            colors: Vec::new(),
+            lashes: true,
+        }
+    }
+}
+
+/// Where a subject comes from.
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema,
+)]
+#[serde(rename_all = "snake_case")]
+pub enum SubjectKind {
+    /// A scan of the user.
+    Scan,
+    /// A subject that ships with the program.
+    Builtin,
+    /// A draw from the identity model.
+    Sampled,
 }
 
 /// `[simulation]`

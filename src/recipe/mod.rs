@@ -19,7 +19,8 @@ mod settings;
 pub use file::RecipeFile;
 pub use problem::RecipeError;
 pub use settings::{
-    Expression, ImageSettings, Lighting, Occluder, Recipe, SubjectSource, Subjects, View,
+    Expression, HairSettings, ImageSettings, Lighting, Occluder, Recipe, SubjectSource, Subjects,
+    View,
 };
 
 /// Most bytes of a recipe.

@@ -8,7 +8,7 @@ use facile_trace::occluder::{Drape, Glasses};
 use facile_trace::{LightSource, Samples, Sensor};
 use serde::Serialize;
 
-use super::file::{Encoding, Format, RecipeFile, Truth};
+use super::file::{Encoding, Format, HairTable, RecipeFile, SubjectKind, Truth};
 use crate::sampling::Sampling;
 
 /// A checked recipe. The lists multiply: every combination of their entries is one image, unless samples are drawn.
@@ -30,6 +30,8 @@ pub struct Recipe {
     pub image: ImageSettings,
     /// Whose faces.
     pub subjects: Subjects,
+    /// Whose hair is which.
+    pub hair: HairSettings,
     /// How faces are brought to equilibrium.
     pub solver: SolverKind,
     /// What the camera does to an image's light.
@@ -97,6 +99,36 @@ pub struct Subjects {
     pub sampled: u64,
     /// Whether the light baked into the colours of scans is evened out.
     pub delight: bool,
+}
+
+/// Whose hair is which.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct HairSettings {
+    /// Subjects that get hair and lashes.
+    pub on: Vec<SubjectKind>,
+    /// Styles to draw from, `none` among them perhaps; empty for what suits.
+    pub styles: Vec<String>,
+    /// sRGB colours to draw from; empty for the person's own.
+    pub colors: Vec<[u8; 3]>,
+    /// Whether these subjects get lashes.
+    pub lashes: bool,
+}
+
+impl From<&HairTable> for HairSettings {
+    fn from(table: &HairTable) -> Self {
+        Self {
+            on: table.on.clone(),
+            styles: table.styles.clone(),
+            colors: table.colors.clone(),
+            lashes: table.lashes,
+        }
+    }
+}
+
+impl Default for HairSettings {
+    fn default() -> Self {
+        Self::from(&HairTable::default())
+    }
 }
 
 /// Where one subject comes from.

@@ -22,7 +22,7 @@ pub(crate) struct Files {
 }
 
 macro_rules! embed {
-    ($path:literal) => {
+    ($path:expr) => {
         include_bytes!(concat!(env!("CARGO_MANIFEST_DIR"), "/../../assets/", $path))
     };
 }
@@ -146,6 +146,38 @@ const SKIN_FILES: &[(&str, &[u8])] = embed_all! {
     "skins/caucasian_male_young.jpg" => "identity/skins/caucasian_male_young.jpg",
     "skins/caucasian_male_young2.jpg" => "identity/skins/caucasian_male_young2.jpg",
 };
+
+macro_rules! embed_hair {
+    ($($name:literal,)*) => {
+        [$((
+            $name,
+            [
+                embed!(concat!("hair/", $name, ".obj")),
+                embed!(concat!("hair/", $name, ".png")),
+            ],
+        ),)*]
+    };
+}
+
+/// Cards and texture of each hair style, by name.
+pub(crate) const HAIR_FILES: [(&str, [&[u8]; 2]); 10] = embed_hair! {
+    "afro01",
+    "bob01",
+    "bob02",
+    "braid01",
+    "long01",
+    "ponytail01",
+    "short01",
+    "short02",
+    "short03",
+    "short04",
+};
+
+/// Cards and texture of the lashes.
+pub(crate) const LASHES_FILES: [&[u8]; 2] = [embed!("hair/lashes.obj"), embed!("hair/lashes.png")];
+
+/// Share of hair in the reference UV.
+pub(crate) const SCALP_FILE: &[u8] = embed!("hair/scalp.png");
 
 /// Scans of the built-in subjects.
 pub(crate) const SUBJECT_FILES: &[(&str, &[u8])] = embed_all! {

@@ -7,6 +7,7 @@
 pub mod builtin;
 pub mod color;
 pub mod grid;
+pub mod hair;
 pub mod identity;
 pub mod io;
 pub mod landmarks;
@@ -26,6 +27,7 @@ mod identity_sample;
 
 pub use error::CoreError;
 pub use grid::Plane;
+pub use hair::HairStyle;
 pub use identity::{IdentityModel, IdentityShape};
 pub use landmarks::{LandmarkScheme, SurfacePoint};
 pub use math::{Isometry3, Matrix3, Point3, Similarity3, UnitQuaternion, Vector2, Vector3};

@@ -68,6 +68,8 @@ segments! {
     RightIris = 21, "right_iris";
     /// Eyelashes.
     Lashes = 22, "lashes";
+    /// Hair of the head.
+    Hair = 23, "hair";
     /// Frame of glasses.
     GlassesFrame = 30, "glasses_frame";
     /// Lenses of glasses.

@@ -1,14 +1,18 @@
 //! Renders a head from several angles: `portrait [--positions FILE.obj|FILE.npy] [--out OUT.png] [--size N]
-//! [--yaw -60,-30,0,30,60]`. Positions replace the reference head's fine vertices, mm.
+//! [--yaw -60,-30,0,30,60] [--person SEED,INDEX] [--hair STYLE] [--color R,G,B]`. Positions replace the reference head's fine
+//! vertices, mm; a person is drawn from the identity model.
 
 use std::path::PathBuf;
 
 use facile_core::{Plane, Point3, ReferenceHead, Subject, Vector3};
+use facile_trace::hair::{Hair, HairFit, LashFit};
 use facile_trace::math::Rgb;
 use facile_trace::{Camera, HeadScene, LightSource, RenderSettings, png_file, trace_view};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let (mut positions, mut out, mut size) = (None, PathBuf::from("portrait.png"), 512);
+    let (mut hair, mut person): (Option<String>, Option<Vec<u64>>) = (None, None);
+    let mut color: Vec<u8> = vec![70, 45, 30];
     let mut yaws: Vec<f64> = vec![-60.0, -30.0, 0.0, 30.0, 60.0];
     let mut arguments = std::env::args().skip(1);
     while let Some(key) = arguments.next() {
@@ -17,17 +21,17 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             "--positions" => positions = Some(read_positions(&value()?)?),
             "--out" => out = value()?.into(),
             "--size" => size = value()?.parse()?,
+            "--hair" => hair = Some(value()?),
+            "--person" => person = Some(list(&value()?)?),
+            "--color" => color = list(&value()?)?,
             "--yaw" => {
-                yaws = value()?
-                    .split(',')
-                    .map(str::parse)
-                    .collect::<Result<_, _>>()?;
+                yaws = list(&value()?)?;
             }
             _ => return Err(format!("unknown argument {key}").into()),
         }
     }
     let reference = ReferenceHead::embedded();
-    let subject = Subject {
+    let mut subject = Subject {
         id: "portrait".into(),
         attributes: facile_core::Attributes::default(),
         positions: positions.unwrap_or_else(|| reference.mesh.positions.clone()),
@@ -37,7 +41,16 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         eye_color: "brown".into(),
         skull_from_reference: facile_core::Similarity3::identity(),
     };
-    let head = HeadScene::new(reference, &subject, Rgb::new(0.13, 0.15, 0.18))?;
+    if let Some([seed, index]) = person.as_deref() {
+        subject = facile_core::IdentityModel::embedded().sample(reference, *seed, *index)?;
+    }
+    let mut head = HeadScene::new(reference, &subject, Rgb::new(0.13, 0.15, 0.18))?;
+    head.add_lashes(&LashFit::new(reference)?.into(), &subject.positions)?;
+    if let (Some(style), &[r, g, b]) = (hair, &color[..]) {
+        let fit = HairFit::new(reference, &style)?;
+        let color = [r, g, b];
+        head.add_hair(reference, &subject, &fit, &Hair { style, color })?;
+    }
     let lights: Vec<LightSource> = [
         "kind = 'point'\nposition = [350, 350, 700]\nintensity = 0.75",
         "kind = 'point'\nposition = [-600, 100, 500]\nintensity = 0.25",
@@ -60,6 +73,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     }
     png_file::write_rgb8(&out, &sheet)?;
     Ok(())
+}
+
+fn list<T: std::str::FromStr>(text: &str) -> Result<Vec<T>, T::Err> {
+    text.split(',').map(str::parse).collect()
 }
 
 fn read_positions(file: &str) -> Result<Vec<Point3>, Box<dyn std::error::Error>> {

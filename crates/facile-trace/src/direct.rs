@@ -7,6 +7,7 @@ use crate::light::{AmbientSum, Light};
 use crate::math::{Rgb, power};
 use crate::microfacets;
 use crate::packet::RayBlock;
+use crate::strands;
 use crate::surface::SurfaceBlock;
 
 /// A shadow ray on its way: whose light it carries, and how much if nothing is in between.
@@ -75,7 +76,10 @@ fn gather<L: Lanes>(
     let zero = L::splat(0.0);
     let normal = V3::<L>::load(&block.normal);
     let cosine = normal.dot(arrival.direction);
-    let lit = arrival.any & zero.lt(cosine) & L::Mask::from_bits(block.hit);
+    let mut lit = arrival.any & zero.lt(cosine) & L::Mask::from_bits(block.hit);
+    if let Some(hair) = &block.strands {
+        lit = lit | (arrival.any & L::Mask::from_bits(hair.lanes));
+    }
     if !lit.any() {
         return;
     }
@@ -101,12 +105,27 @@ fn gather<L: Lanes>(
         let glow = L::select(zero.lt(specular), glow, zero);
         share = share + V3([glow, glow, glow]);
     }
+    let mut cosine = cosine;
+    let mut irradiance = arrival.power.scale(weight * cosine);
+    let mut start = lifted + V3::load(&block.flat_normal).scale(L::splat(offset));
+    if let Some(hair) = &block.strands {
+        // Hair scatters as cylinders do, and casts soft shadows on itself
+        let is_hair = L::Mask::from_bits(hair.lanes);
+        let strand = V3::<L>::load(&hair.direction);
+        let view = V3::<L>::load(&block.view);
+        let albedo = V3::<L>::load(&block.albedo);
+        let scattered = strands::scatter(strand, arrival.direction, view, albedo);
+        let inside = arrival.direction.scale(L::splat(strands::SOFT_DEPTH_MM));
+        share = V3::select(is_hair, scattered, share);
+        cosine = L::select(is_hair, L::splat(1.0), cosine);
+        irradiance = V3::select(is_hair, V3([zero; 3]), irradiance);
+        start = V3::select(is_hair, lifted + inside, start);
+    }
     let [r, g, b] = share.0;
     let lit = (lit & zero.lt(r.max(g).max(b))).bits();
     // Send a ray to the light
     let contribution = (share * arrival.power).scale(cosine).store();
-    let irradiance = arrival.power.scale(weight * cosine).store();
-    let start = lifted + V3::load(&block.flat_normal).scale(L::splat(offset));
+    let irradiance = irradiance.store();
     let (direction, t_max) = match light.position() {
         Some(position) => (V3::splat(position.into()) - start, 1.0),
         None => (arrival.direction, f32::INFINITY),

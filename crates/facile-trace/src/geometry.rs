@@ -28,6 +28,8 @@ pub struct Geometry {
     pub(crate) normals: Vec<Vec3>,
     /// Texture coordinates of the corners; empty if there are none.
     pub(crate) texcoords: Vec<[[f32; 2]; 3]>,
+    /// Unit direction of hair at the vertices; empty if it is none.
+    pub(crate) strands: Vec<Vec3>,
     /// Linear RGB of the vertices; empty if there are none.
     pub(crate) colors: Vec<[f32; 3]>,
     /// Class of each triangle; empty if there are none.
@@ -54,6 +56,7 @@ impl Geometry {
                 .iter()
                 .map(|t| t.map(|v| mesh.texcoords[v as usize]))
                 .collect(),
+            strands: Vec::new(),
             colors: mesh.colors.clone(),
             segments: mesh.segments.clone(),
             weld: Vec::new(),
@@ -120,6 +123,28 @@ impl Geometry {
         for (own, given) in self.normals.iter_mut().zip(normals) {
             *own = unit_or(given, *own);
         }
+        Ok(())
+    }
+
+    /// Makes the surface a bundle of strands.
+    pub(crate) fn set_strands(&mut self, strands: Vec<Vec3>) -> Result<(), TraceError> {
+        if strands.len() != self.positions.len() {
+            return Err(TraceError::SizeMismatch {
+                what: "strand directions",
+                expected: self.positions.len(),
+                got: strands.len(),
+            });
+        }
+        let is_bad = |s: &Vec3| !s.iter().all(|v| v.is_finite());
+        if let Some(index) = strands.iter().position(is_bad) {
+            return Err(TraceError::NotFinite {
+                what: "strand direction",
+                index,
+                value: format!("{:?}", strands[index].as_slice()),
+            });
+        }
+        let down = -Vec3::y();
+        self.strands = strands.into_iter().map(|s| unit_or(s, down)).collect();
         Ok(())
     }
 

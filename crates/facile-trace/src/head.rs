@@ -7,7 +7,8 @@ use nalgebra::{Translation3, UnitQuaternion};
 
 use crate::TraceError;
 use crate::geometry::Normals;
-use crate::material::Material;
+use crate::hair::{Hair, HairFit, LashFit, toned_scalp};
+use crate::material::{Albedo, Material};
 use crate::math::{Pose, Rgb, Vec3, pose_from_isometry, vec3_from_point};
 use crate::object::{Object, SegmentCap};
 use crate::scene::Scene;
@@ -27,9 +28,13 @@ pub struct Gaze {
 /// A [`Scene`] that starts with a head. Occluders and other things are added behind it.
 #[derive(Clone, Debug)]
 pub struct HeadScene {
-    /// The scene; objects `0..HeadScene::PARTS` are the head's.
+    /// The scene; the head's objects come first.
     pub scene: Scene,
     eyes: [Eye; 2],
+    /// Number of objects of the head, hair and lashes included.
+    parts: usize,
+    /// What moves the lashes, and their index in the scene.
+    lashes: Option<(Arc<LashFit>, usize)>,
 }
 
 impl HeadScene {
@@ -43,9 +48,6 @@ impl HeadScene {
     pub const LOWER_TEETH: usize = 4;
     /// Index of the tongue.
     pub const TONGUE: usize = 5;
-    /// Number of objects of a head.
-    pub const PARTS: usize = 6;
-
     /// The neutral head of a subject, gaze straight on, mouth parts shown.
     ///
     /// # Errors
@@ -91,6 +93,8 @@ impl HeadScene {
             scene.add(mouth_object(reference, segment, placed, &mouth)?);
         }
         let mut head = Self {
+            parts: scene.objects().len(),
+            lashes: None,
             scene,
             eyes: subject.eyes,
         };
@@ -108,7 +112,60 @@ impl HeadScene {
     /// # Errors
     /// As [`Object::set_positions`].
     pub fn set_positions(&mut self, positions: &[Point3]) -> Result<(), TraceError> {
-        self.scene.objects_mut()[Self::SKIN].set_positions(positions)
+        self.scene.objects_mut()[Self::SKIN].set_positions(positions)?;
+        if let Some((fit, index)) = &self.lashes {
+            self.scene.objects_mut()[*index].set_positions(&fit.positions(positions))?;
+        }
+        Ok(())
+    }
+
+    /// Puts hair on a head at rest, and its colour on the scalp. Comes before anything is put in front of the head.
+    ///
+    /// # Errors
+    /// As [`HairFit::object`].
+    pub fn add_hair(
+        &mut self,
+        reference: &ReferenceHead,
+        subject: &Subject,
+        fit: &HairFit,
+        hair: &Hair,
+    ) -> Result<(), TraceError> {
+        self.remove_added();
+        let skin = &self.scene.objects()[Self::SKIN];
+        let object = fit.object(reference, subject, skin, hair.color)?;
+        let color = hair
+            .color
+            .map(|c| facile_core::color::LINEAR_FROM_SRGB8[usize::from(c)]);
+        let toned = Arc::new(toned_scalp(&subject.texture, Rgb::from(color)));
+        for material in self.scene.objects_mut()[Self::SKIN].materials_mut() {
+            if let Albedo::Texture { texture, .. } = &mut material.albedo {
+                texture.clone_from(&toned);
+            }
+        }
+        self.scene.add(object);
+        self.parts = self.scene.objects().len();
+        Ok(())
+    }
+
+    /// Puts lashes on the lids of a face given by its fine vertices, mm. Comes before anything is put in front of the head.
+    ///
+    /// # Errors
+    /// As [`LashFit::object`].
+    pub fn add_lashes(
+        &mut self,
+        fit: &Arc<LashFit>,
+        positions: &[Point3],
+    ) -> Result<(), TraceError> {
+        self.remove_added();
+        let index = self.scene.add(fit.object(positions)?);
+        self.lashes = Some((fit.clone(), index));
+        self.parts = self.scene.objects().len();
+        Ok(())
+    }
+
+    /// Removes everything that was added behind the head's own parts.
+    pub fn remove_added(&mut self) {
+        self.scene.truncate(self.parts);
     }
 
     /// Turns the left and the right eye.

@@ -94,6 +94,45 @@ fn lift(position: Vec3, corners: &[Vec3; 3], normals: &[Vec3; 3], weights: &[f32
     lifted
 }
 
+/// Turn of a strand out of its card for a change of its brightness by 1: single strands catch the light apart from others.
+const STRAND_SPREAD: f32 = 0.55;
+/// Brightness of a strand that lies in its card.
+const STRAND_MIDDLE: f32 = 0.4;
+
+/// Unit direction of the strands at a hit on hair, world.
+pub(crate) fn strand_at(object: &Object, hit: &Hit) -> Vec3 {
+    let geometry = &object.geometry;
+    let weights = hit.barycentric();
+    let triangle = geometry.triangles[hit.triangle as usize];
+    let first = geometry.strands[triangle[0] as usize];
+    // Strands have no sign: mix them all the same way round
+    let mut sum = Vec3::zeros();
+    for (v, weight) in triangle.iter().zip(weights) {
+        let own = geometry.strands[*v as usize];
+        let sign = if own.dot(&first) < 0.0 { -1.0 } else { 1.0 };
+        sum += own * (sign * weight);
+    }
+    let mut strand = unit_or(sum, first);
+    if let Some(normal) = geometry.normals.get(triangle[0] as usize) {
+        let brightness = texel(object, hit).map_or(STRAND_MIDDLE, |t| t[1]);
+        strand = unit_or(
+            strand + normal * (STRAND_SPREAD * (brightness - STRAND_MIDDLE)),
+            strand,
+        );
+    }
+    object.vector_in_world(strand)
+}
+
+/// The texture at a hit, without its tint.
+fn texel(object: &Object, hit: &Hit) -> Option<[f32; 3]> {
+    let Albedo::Texture { texture, .. } = &object.material(hit.triangle).albedo else {
+        return None;
+    };
+    let [p, q, r] = object.geometry.texcoords.get(hit.triangle as usize)?;
+    let [a, b, c] = hit.barycentric();
+    Some(texture.sample([0, 1].map(|k| p[k] * a + q[k] * b + r[k] * c)))
+}
+
 pub(crate) fn albedo(object: &Object, hit: &Hit) -> Rgb {
     let geometry = &object.geometry;
     let [a, b, c] = hit.barycentric();

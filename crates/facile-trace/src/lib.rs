@@ -9,7 +9,9 @@
 
 pub mod bvh;
 pub mod camera;
+pub mod cutout;
 pub mod geometry;
+pub mod hair;
 pub mod head;
 pub mod light;
 pub mod material;
@@ -43,11 +45,13 @@ pub mod sensor;
 mod shadow_cells;
 mod slopes;
 mod srgb;
+mod strands;
 pub mod subsurface;
 mod surface;
 mod whitted;
 
 pub use camera::Camera;
+pub use cutout::Cutout;
 pub use error::TraceError;
 pub use gbuffer::{GBuffer, Occlusion, Truth};
 pub use geometry::{Geometry, Normals};

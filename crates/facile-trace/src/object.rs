@@ -1,9 +1,12 @@
 //! An object of a scene: a mesh with its tree, pose and materials.
 
+use std::sync::Arc;
+
 use facile_core::{Mesh, Point3, Segment};
 
 use crate::TraceError;
-use crate::bvh::Bvh;
+use crate::bvh::{Bvh, TreeHit};
+use crate::cutout::{Cutout, Solid};
 use crate::geometry::{Geometry, Normals};
 use crate::material::Material;
 use crate::math::{Pose, Rgb, Vec3};
@@ -32,6 +35,8 @@ pub struct Object {
     /// Material of each triangle; empty when all have the first.
     pub(crate) material_of_triangle: Vec<u16>,
     pub(crate) caps: Vec<SegmentCap>,
+    /// What of the mesh is there; `None` is all of it.
+    pub(crate) cutout: Option<Arc<Cutout>>,
     /// `None` is the identity, which keeps coordinates bit for bit.
     pub(crate) world_from_object: Option<Pose>,
     pub(crate) is_occluder: bool,
@@ -52,6 +57,7 @@ impl Object {
             materials: vec![material],
             material_of_triangle: Vec::new(),
             caps: Vec::new(),
+            cutout: None,
             world_from_object: None,
             is_occluder: false,
             is_visible: true,
@@ -76,6 +82,34 @@ impl Object {
     pub fn with_cap(mut self, cap: SegmentCap) -> Self {
         self.caps.push(cap);
         self
+    }
+
+    /// The same object where only what a cover shows is there.
+    ///
+    /// # Errors
+    /// [`TraceError::SizeMismatch`] for the cutout of a mesh of another size.
+    pub fn with_cutout(mut self, cutout: impl Into<Arc<Cutout>>) -> Result<Self, TraceError> {
+        let cutout = cutout.into();
+        let (expected, got) = (self.geometry.triangles.len(), cutout.triangles());
+        if expected != got {
+            return Err(TraceError::SizeMismatch {
+                what: "triangles of a cutout",
+                expected,
+                got,
+            });
+        }
+        self.cutout = Some(cutout);
+        Ok(self)
+    }
+
+    /// The same object as hair: a bundle of cylinders along `strands`, one direction per vertex away from the roots, any
+    /// length but zero. Its materials' highlights have no meaning then.
+    ///
+    /// # Errors
+    /// [`TraceError::SizeMismatch`] or [`TraceError::NotFinite`].
+    pub fn with_strands(mut self, strands: Vec<Vec3>) -> Result<Self, TraceError> {
+        self.geometry.set_strands(strands)?;
+        Ok(self)
     }
 
     /// The same object with given unit normals, one per vertex, instead of computed ones. When vertices move, normals
@@ -180,11 +214,27 @@ impl Object {
         })
     }
 
+    /// The nearest hit of a ray of the object's frame.
+    pub(crate) fn closest_hit(&self, ray: &Ray) -> Option<TreeHit> {
+        match &self.cutout {
+            None => self.bvh.closest_hit(ray, Solid),
+            Some(cutout) => self.bvh.closest_hit(ray, &**cutout),
+        }
+    }
+
+    /// Whether a ray of the object's frame hits anything.
+    pub(crate) fn any_hit(&self, ray: &Ray) -> bool {
+        match &self.cutout {
+            None => self.bvh.any_hit(ray, Solid),
+            Some(cutout) => self.bvh.any_hit(ray, &**cutout),
+        }
+    }
+
     /// Linear RGB share of light that comes through the object between the ends of a ray of the world.
     pub(crate) fn transmittance(&self, ray: &Ray) -> Rgb {
         let mut share = Rgb::repeat(1.0);
         let mut rest = self.ray_in_object(ray);
-        while let Some(hit) = self.bvh.closest_hit(&rest) {
+        while let Some(hit) = self.closest_hit(&rest) {
             match &self.material(hit.triangle).transmission {
                 Some(transmission) => share.component_mul_assign(&transmission.tint()),
                 None => return Rgb::zeros(),

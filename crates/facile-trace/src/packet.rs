@@ -5,6 +5,7 @@
 //! one packet for each axis that occurs in it.
 
 use crate::bvh::{Bvh, FAR_SLACK, MAX_DEPTH, Node};
+use crate::cutout::Admit;
 use crate::lanes::{Eight, LANES, LaneMask, Lanes, lanes_of};
 use crate::math::Vec3;
 use crate::ray::Ray;
@@ -328,7 +329,12 @@ fn largest<L: Lanes>(v: L, mask: L::Mask) -> f32 {
 impl Bvh {
     /// [`Bvh::closest_hit`] of eight rays. Hits at or past `t_max` do not count.
     #[inline(always)]
-    pub(crate) fn closest_hits<L: Lanes>(&self, packet: &Packet<L>, t_max: L) -> PacketHit<L> {
+    pub(crate) fn closest_hits<L: Lanes>(
+        &self,
+        packet: &Packet<L>,
+        t_max: L,
+        admit: impl Admit,
+    ) -> PacketHit<L> {
         let mut best = PacketHit {
             t: t_max,
             u: L::splat(0.0),
@@ -356,7 +362,7 @@ impl Bvh {
             }
             let node = &self.nodes[index as usize];
             if node.is_leaf() {
-                if self.closest_in_leaf(packet, node, &mut best) {
+                if self.closest_in_leaf(packet, node, admit, &mut best) {
                     furthest = largest(best.t, packet.active) * FAR_SLACK;
                 }
                 continue;
@@ -392,6 +398,7 @@ impl Bvh {
         &self,
         packet: &Packet<L>,
         node: &Node,
+        admit: impl Admit,
         best: &mut PacketHit<L>,
     ) -> bool {
         let mut is_any = false;
@@ -409,6 +416,7 @@ impl Bvh {
                     .fold(0, |bits, k| bits | 1 << k);
                 closer = closer | L::Mask::from_bits(lower);
             }
+            let closer = admit.admitted::<L>(closer, id, v, w);
             let bits = closer.bits();
             if bits == 0 {
                 continue;
@@ -428,16 +436,22 @@ impl Bvh {
     /// [`Bvh::any_hit`] of eight rays. `last` is the leaf slot of a triangle to try first: a hint, set to the last one
     /// that blocked.
     #[inline(always)]
-    pub(crate) fn any_hits<L: Lanes>(&self, packet: &Packet<L>, last: &mut u32) -> L::Mask {
+    pub(crate) fn any_hits<L: Lanes>(
+        &self,
+        packet: &Packet<L>,
+        last: &mut u32,
+        admit: impl Admit,
+    ) -> L::Mask {
         let mut packet = *packet;
         let mut found = L::Mask::from_bits(0);
         let Some(root) = self.nodes.first() else {
             return found;
         };
         if let Some(corners) = self.corners.get(*last as usize)
-            && let Some(Meeting { met, t, .. }) = packet.meet(corners)
+            && let Some(Meeting { met, t, v, w }) = packet.meet(corners)
         {
-            found = met & t.lt(packet.t_max);
+            let id = self.triangle_ids[*last as usize];
+            found = admit.admitted::<L>(met & t.lt(packet.t_max), id, v, w);
             packet.active = packet.active & !found;
             if !packet.active.any() {
                 return found;
@@ -453,10 +467,11 @@ impl Bvh {
             let node = &self.nodes[stack[height] as usize];
             if node.is_leaf() {
                 for slot in node.first as usize..(node.first + node.count) as usize {
-                    let Some(Meeting { met, t, .. }) = packet.meet(&self.corners[slot]) else {
+                    let Some(Meeting { met, t, v, w }) = packet.meet(&self.corners[slot]) else {
                         continue;
                     };
-                    let blocked = met & t.lt(packet.t_max);
+                    let id = self.triangle_ids[slot];
+                    let blocked = admit.admitted::<L>(met & t.lt(packet.t_max), id, v, w);
                     if blocked.any() {
                         *last = slot as u32;
                         found = found | blocked;

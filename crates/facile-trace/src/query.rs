@@ -4,6 +4,7 @@
 //! [`crate::scene`], bit for bit.
 
 use crate::bvh::Node;
+use crate::cutout::Solid;
 use crate::lanes::{Eight, Kernel, LANES, LaneMask, Lanes, lanes_of, run};
 use crate::light::Light;
 use crate::math::Rgb;
@@ -202,7 +203,11 @@ fn closest_of_block<L: Lanes>(
             (&local, bits)
         };
         for_each_packet!(L, block, bits, packet => {
-            let found = object.bvh.closest_hits(&packet, L::load(&nearest));
+            let ends = L::load(&nearest);
+            let found = match &object.cutout {
+                None => object.bvh.closest_hits(&packet, ends, Solid),
+                Some(cutout) => object.bvh.closest_hits(&packet, ends, &**cutout),
+            };
             let (t, u, v) = (found.t.store().0, found.u.store().0, found.v.store().0);
             for k in lanes_of(found.found.bits()) {
                 nearest.0[k] = t[k];
@@ -256,7 +261,11 @@ impl Kernel for Blocked<'_, '_> {
                 };
                 for_each_packet!(L, block, bits, packet => {
                     let last = &mut candidate.last_blocker;
-                    *blocked |= object.bvh.any_hits(&packet, last).bits();
+                    let found = match &object.cutout {
+                        None => object.bvh.any_hits(&packet, last, Solid),
+                        Some(cutout) => object.bvh.any_hits(&packet, last, &**cutout),
+                    };
+                    *blocked |= found.bits();
                 });
             }
         }

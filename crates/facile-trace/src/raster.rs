@@ -5,7 +5,8 @@
 //! that face the other way wait until the end, when most of them are found to be hidden.
 
 use crate::camera::Camera;
-use crate::footprint::{Projection, Steps, footprints, project_corners};
+use crate::cutout::{Admit, Solid};
+use crate::footprint::{LocalProjection, Projection, Steps, footprints, project_corners};
 use crate::lanes::{Eight, Kernel, LANES, LaneMask, Lanes, lanes_of, run};
 use crate::math::{Vec3, vec3_from_point};
 use crate::object::Object;
@@ -196,7 +197,6 @@ impl Kernel for Draw<'_> {
         let eye = Ray::new(vec3_from_point(self.camera.position()), Vec3::z());
         let (mut in_world, mut in_object) = (Vec::new(), Vec::new());
         let mut waiting = Vec::new();
-        let mut furthest = Vec::new();
         for (index, object) in self.scene.objects().iter().enumerate() {
             if !self.layer.sees(object) || object.bvh.is_empty() {
                 continue;
@@ -233,38 +233,11 @@ impl Kernel for Draw<'_> {
                 first: [0, 1].map(|k| (grid.bounds[k] as f64 + grid.offset[k]) as f32),
                 is_lattice: true,
             };
-            waiting.clear();
-            for (eight, triangles) in canvas.corners.chunks(LANES).enumerate() {
-                let corners = project_corners::<L>(&local, triangles);
-                let found = footprints::<L>(&local, &steps, &corners, triangles.len());
-                for lane in lanes_of(found.present) {
-                    let patch = Patch {
-                        slot: (eight * LANES + lane) as u32,
-                        first: [
-                            found.first[0][lane] as u32 / BLOCK_WIDTH as u32,
-                            found.first[1][lane] as u32 / BLOCK_HEIGHT as u32,
-                        ],
-                        last: [
-                            found.last[0][lane] as u32 / BLOCK_WIDTH as u32,
-                            found.last[1][lane] as u32 / BLOCK_HEIGHT as u32,
-                        ],
-                        nearest: found.nearest.0[lane] * DEPTH_SLACK,
-                    };
-                    // Front faces of a mesh that is wound the usual way turn clockwise, since y points down
-                    if found.clockwise >> lane & 1 == 1 {
-                        waiting.push(patch);
-                    } else {
-                        canvas.draw::<L>(&patch, None, &mut blocks);
-                    }
+            match &object.cutout {
+                None => canvas.draw_all::<L>(&local, &steps, Solid, &mut blocks, &mut waiting),
+                Some(cutout) => {
+                    canvas.draw_all::<L>(&local, &steps, &**cutout, &mut blocks, &mut waiting);
                 }
-            }
-            furthest.clear();
-            furthest.extend(blocks.iter().map(|b| {
-                let [a, b, c, d, e, f, g, h] = b.t.0;
-                a.max(b).max(c.max(d)).max(e.max(f).max(g.max(h)))
-            }));
-            for patch in &waiting {
-                canvas.draw::<L>(patch, Some(&furthest), &mut blocks);
             }
         }
         blocks
@@ -272,9 +245,62 @@ impl Kernel for Draw<'_> {
 }
 
 impl Canvas<'_> {
+    /// Draws the object: front faces at once, those that face the other way when most of them are found to be hidden.
+    #[inline(always)]
+    fn draw_all<L: Lanes>(
+        &self,
+        local: &LocalProjection,
+        steps: &Steps,
+        admit: impl Admit,
+        blocks: &mut [HitBlock],
+        waiting: &mut Vec<Patch>,
+    ) {
+        waiting.clear();
+        for (eight, triangles) in self.corners.chunks(LANES).enumerate() {
+            let corners = project_corners::<L>(local, triangles);
+            let found = footprints::<L>(local, steps, &corners, triangles.len());
+            for lane in lanes_of(found.present) {
+                let patch = Patch {
+                    slot: (eight * LANES + lane) as u32,
+                    first: [
+                        found.first[0][lane] as u32 / BLOCK_WIDTH as u32,
+                        found.first[1][lane] as u32 / BLOCK_HEIGHT as u32,
+                    ],
+                    last: [
+                        found.last[0][lane] as u32 / BLOCK_WIDTH as u32,
+                        found.last[1][lane] as u32 / BLOCK_HEIGHT as u32,
+                    ],
+                    nearest: found.nearest.0[lane] * DEPTH_SLACK,
+                };
+                // Front faces of a mesh that is wound the usual way turn clockwise, since y points down
+                if found.clockwise >> lane & 1 == 1 {
+                    waiting.push(patch);
+                } else {
+                    self.draw::<L>(&patch, None, admit, blocks);
+                }
+            }
+        }
+        let furthest: Vec<f32> = blocks
+            .iter()
+            .map(|b| {
+                let [a, b, c, d, e, f, g, h] = b.t.0;
+                a.max(b).max(c.max(d)).max(e.max(f).max(g.max(h)))
+            })
+            .collect();
+        for patch in &*waiting {
+            self.draw::<L>(patch, Some(&furthest), admit, blocks);
+        }
+    }
+
     /// Draws a triangle where it is not behind `furthest`.
     #[inline(always)]
-    fn draw<L: Lanes>(&self, patch: &Patch, furthest: Option<&[f32]>, blocks: &mut [HitBlock]) {
+    fn draw<L: Lanes>(
+        &self,
+        patch: &Patch,
+        furthest: Option<&[f32]>,
+        admit: impl Admit,
+        blocks: &mut [HitBlock],
+    ) {
         let columns = self.grid.columns;
         let triangle = self.ids[patch.slot as usize];
         let [a, b, c] = self.corners[patch.slot as usize].map(|p| Vec3::from(p) - self.origin);
@@ -313,6 +339,7 @@ impl Canvas<'_> {
                         let lower = lower.fold(0, |bits, lane| bits | 1 << lane);
                         closer = closer | L::Mask::from_bits(lower);
                     }
+                    closer = admit.admitted::<L>(closer, triangle, meeting.v, meeting.w);
                     if !closer.any() {
                         continue;
                     }

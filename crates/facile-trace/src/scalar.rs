@@ -1,12 +1,13 @@
 //! Whitted shading of one ray at a time, by recursion: what the batches of [`crate::whitted`] must give bit for bit.
 
-use crate::interaction::{Interaction, diffuse_weight};
+use crate::interaction::{Interaction, diffuse_weight, strand_at};
 use crate::light::{AmbientSum, Arrival, Light};
 use crate::material::Material;
 use crate::math::{Rgb, Vec3, power, unit_or};
 use crate::microfacets;
-use crate::ray::Ray;
+use crate::ray::{Hit, Ray};
 use crate::scene::Layer;
+use crate::strands;
 use crate::whitted::{Shader, fresnel, reflect, transmitted};
 
 impl Shader<'_> {
@@ -25,7 +26,7 @@ impl Shader<'_> {
         };
         color += self.ambient(&point, material, weight);
         for light in self.lights {
-            if let Some((contribution, ray)) = self.unshadowed(&point, material, weight, light) {
+            if let Some((contribution, ray)) = self.unshadowed(&point, &hit, weight, light) {
                 color += contribution.component_mul(&self.scene.transmittance(&ray));
             }
         }
@@ -41,11 +42,23 @@ impl Shader<'_> {
     fn unshadowed(
         &self,
         point: &Interaction<'_>,
-        material: &Material,
+        hit: &Hit,
         weight: f32,
         light: &Light,
     ) -> Option<(Rgb, Ray)> {
         let Arrival { direction, power } = light.arrival(point.lifted)?;
+        let material = point.object.material(point.triangle);
+        let object = point.object;
+        if !object.geometry.strands.is_empty() {
+            let strand = strand_at(object, hit);
+            let share = strands::scatter_one(strand, direction, point.view, point.albedo);
+            let origin = point.lifted + direction * strands::SOFT_DEPTH_MM;
+            let ray = match light.position() {
+                Some(position) => Ray::between(origin, position),
+                None => Ray::new(origin, direction),
+            };
+            return Some((share.component_mul(&power), ray));
+        }
         let cosine = point.normal.dot(&direction);
         if cosine <= 0.0 {
             return None;
@@ -213,6 +226,19 @@ mod tests {
             object.set_pose(&pose).expect("finite");
             scene.add(object);
         }
+        let mesh = ball(28.0);
+        let strands = mesh
+            .positions
+            .iter()
+            .map(|p| Vec3::new(p.z as f32, 5.0, -p.x as f32));
+        let strands = strands.collect();
+        let brown = Material::matt(Rgb::new(0.2, 0.1, 0.05));
+        let mut hair = Object::new(&mesh, Normals::Smooth, brown)
+            .and_then(|o| o.with_strands(strands))
+            .expect("valid");
+        let pose = Pose::new(Vec3::new(60.0, 60.0, 50.0), Vec3::new(0.3, 0.0, 0.1));
+        hair.set_pose(&pose).expect("finite");
+        scene.add(hair);
         scene
     }
 

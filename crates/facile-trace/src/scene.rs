@@ -79,7 +79,7 @@ impl Scene {
                 t_max: best.t,
                 ..object.ray_in_object(ray)
             };
-            if let Some(hit) = object.bvh.closest_hit(&ray) {
+            if let Some(hit) = object.closest_hit(&ray) {
                 best = Hit {
                     t: hit.t,
                     object: index as u32,
@@ -97,7 +97,7 @@ impl Scene {
         self.objects
             .iter()
             .filter(|o| o.is_visible && !o.is_transparent())
-            .any(|o| o.bvh.any_hit(&o.ray_in_object(ray)))
+            .any(|o| o.any_hit(&o.ray_in_object(ray)))
     }
 
     /// Linear RGB share of light that comes through between the ends of a ray: 0 behind anything opaque, the product
@@ -108,6 +108,17 @@ impl Scene {
         } else {
             self.tint(ray)
         }
+    }
+
+    /// As [`Scene::transmittance`] of the occluders alone.
+    pub fn transmittance_of_occluders(&self, ray: &Ray) -> Rgb {
+        let occluders = self
+            .objects
+            .iter()
+            .filter(|o| o.is_visible && o.is_occluder);
+        occluders.fold(Rgb::repeat(1.0), |share, object| {
+            share.component_mul(&object.transmittance(ray))
+        })
     }
 
     /// As [`Scene::transmittance`], opaque objects left out.

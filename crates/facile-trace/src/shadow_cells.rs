@@ -49,10 +49,11 @@ const UNTOUCHED: u32 = u32::MAX;
 /// Where the rays of a block start: `x` and `y` in cells, and nearness.
 type Starts = [Eight; 3];
 
-/// Whether sorting `rays` into cells is possible and worth it for an object: it is posed as its mesh is, lies on one side
-/// of the light, and has few enough triangles.
+/// Whether sorting `rays` into cells is possible and worth it for an object: it has no holes, is posed as its mesh is, lies
+/// on one side of the light, and has few enough triangles.
 pub(crate) fn suits(object: &Object, image: &Projection, rays: usize) -> bool {
-    object.world_from_object.is_none()
+    object.cutout.is_none()
+        && object.world_from_object.is_none()
         && object.geometry.triangles.len() <= MAX_TRIANGLES_PER_RAY * rays
         && object
             .bounds_in_world()

@@ -4,7 +4,7 @@
 
 use facile_core::color::LINEAR_FROM_SRGB8;
 
-use crate::interaction::{Interaction, diffuse_weight};
+use crate::interaction::{Interaction, diffuse_weight, strand_at};
 use crate::lanes::{Eight, Kernel, LANES, LaneMask, Lanes, V3, run};
 use crate::material::{Albedo, Material};
 use crate::math::{Rgb, Vec3};
@@ -12,7 +12,7 @@ use crate::ray::{Hit, Ray};
 use crate::scene::Scene;
 
 /// Eight surface points. Lanes without a hit hold nothing of use.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct SurfaceBlock {
     /// The point lifted onto the smooth surface, world, mm.
     pub(crate) lifted: [Eight; 3],
@@ -38,6 +38,16 @@ pub(crate) struct SurfaceBlock {
     pub(crate) hit: u32,
     /// Lanes whose material sends out rays of its own.
     pub(crate) spawns: u32,
+    /// Hair among the lanes.
+    pub(crate) strands: Option<Box<StrandBlock>>,
+}
+
+/// The lanes of eight surface points that are hair.
+#[derive(Clone, Debug)]
+pub(crate) struct StrandBlock {
+    pub(crate) lanes: u32,
+    /// Unit direction of the strands; any in other lanes.
+    pub(crate) direction: [Eight; 3],
 }
 
 /// The surfaces at hits; `directions` are those of the rays that hit, of any length.
@@ -105,6 +115,9 @@ struct Gathered {
     /// Lanes with vertex normals.
     smooth: u32,
     spawns: u32,
+    /// Lanes of hair, and the directions of its strands, world.
+    hair: u32,
+    strands: [Eight; 3],
 }
 
 impl Default for Gathered {
@@ -125,6 +138,8 @@ impl Default for Gathered {
             hit: 0,
             smooth: 0,
             spawns: 0,
+            hair: 0,
+            strands: [zero; 3],
         }
     }
 }
@@ -139,7 +154,7 @@ impl Gathered {
         directions: &[[f32; 3]],
     ) -> [Option<&'a Material>; LANES] {
         let mut materials = [None; LANES];
-        (self.hit, self.smooth, self.spawns) = (0, 0, 0);
+        (self.hit, self.smooth, self.spawns, self.hair) = (0, 0, 0, 0);
         for (lane, (hit, direction)) in hits.iter().zip(directions).enumerate() {
             if !hit.is_some() {
                 continue;
@@ -178,6 +193,13 @@ impl Gathered {
                 self.direction[axis].0[lane] = direction[axis];
             }
             (self.u.0[lane], self.v.0[lane]) = (hit.u, hit.v);
+            if !geometry.strands.is_empty() {
+                self.hair |= 1 << lane;
+                let strand = strand_at(object, hit);
+                for axis in 0..3 {
+                    self.strands[axis].0[lane] = strand[axis];
+                }
+            }
             let material = object.material(hit.triangle);
             materials[lane] = Some(material);
             self.exposure.0[lane] = material.exposure;
@@ -312,6 +334,12 @@ impl Gathered {
             roughness: self.roughness,
             hit: self.hit,
             spawns: self.spawns,
+            strands: (self.hair != 0).then(|| {
+                Box::new(StrandBlock {
+                    lanes: self.hair,
+                    direction: self.strands,
+                })
+            }),
         }
     }
 }

@@ -30,7 +30,14 @@ mod column;
 /// Folder of the Parquet files in a dataset.
 pub const PARQUET: &str = "parquet";
 /// What may hide a landmark, in the order of its classes.
-pub const VISIBILITIES: [&str; 5] = ["visible", "self", "occluder", "closed_mouth", "frame"];
+pub const VISIBILITIES: [&str; 6] = [
+    "visible",
+    "self",
+    "occluder",
+    "closed_mouth",
+    "frame",
+    "hair",
+];
 /// Rows that are stored together: readers load so many at once, and we hold them in memory.
 const ROWS: usize = 100;
 

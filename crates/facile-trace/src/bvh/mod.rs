@@ -12,7 +12,7 @@ mod refit;
 mod traverse;
 
 pub(crate) use node::Node;
-pub(crate) use traverse::{FAR_SLACK, MAX_DEPTH};
+pub(crate) use traverse::{FAR_SLACK, MAX_DEPTH, TreeHit};
 
 use crate::math::Vec3;
 

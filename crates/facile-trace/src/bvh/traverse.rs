@@ -4,6 +4,7 @@
 //! rounding error, so no box that holds a hit is missed.
 
 use super::{Bvh, Node};
+use crate::cutout::Admit;
 use crate::math::Vec3;
 use crate::ray::Ray;
 use crate::triangle::{RayShear, intersect};
@@ -52,8 +53,9 @@ fn entry(node: &Node, ray: &Ray, inverse: &Vec3, t_max: f32) -> f32 {
 }
 
 impl Bvh {
-    /// The nearest hit before `ray.t_max`. Of hits at the same distance the triangle of lower index wins.
-    pub(crate) fn closest_hit(&self, ray: &Ray) -> Option<TreeHit> {
+    /// The nearest hit before `ray.t_max` that `admit` lets count. Of hits at the same distance the triangle of lower index
+    /// wins.
+    pub(crate) fn closest_hit(&self, ray: &Ray, admit: impl Admit) -> Option<TreeHit> {
         let shear = RayShear::new(ray.direction);
         let mut best = TreeHit {
             t: ray.t_max,
@@ -69,7 +71,8 @@ impl Bvh {
                     continue;
                 };
                 let triangle = tree.triangle_ids[slot];
-                if t < best.t || (t <= best.t && triangle < best.triangle) {
+                let is_closer = t < best.t || (t <= best.t && triangle < best.triangle);
+                if is_closer && admit.admits(triangle, u, v) {
                     best = TreeHit { t, triangle, u, v };
                     found = true;
                 }
@@ -79,13 +82,15 @@ impl Bvh {
         found.then_some(best)
     }
 
-    /// Whether anything is hit before `ray.t_max`.
-    pub(crate) fn any_hit(&self, ray: &Ray) -> bool {
+    /// Whether anything that `admit` lets count is hit before `ray.t_max`.
+    pub(crate) fn any_hit(&self, ray: &Ray, admit: impl Admit) -> bool {
         let shear = RayShear::new(ray.direction);
         let mut found = false;
         self.visit_leaves(ray, ray.t_max, |tree, first, count| {
-            found = tree.corners[first..first + count].iter().any(|c| {
-                intersect(ray, &shear, &c.map(Vec3::from)).is_some_and(|(t, ..)| t < ray.t_max)
+            found = (first..first + count).any(|slot| {
+                intersect(ray, &shear, &tree.corners[slot].map(Vec3::from)).is_some_and(
+                    |(t, u, v)| t < ray.t_max && admit.admits(tree.triangle_ids[slot], u, v),
+                )
             });
             (!found).then_some(ray.t_max)
         });

@@ -69,7 +69,7 @@ impl<'a> FaceFit<'a> {
     pub fn probe(&self, from: Point3, direction: Vector3) -> Option<Point3> {
         let mut ray = Ray::new(vec3_from_point(&from), vec3_from_vector(&direction));
         loop {
-            let hit = self.skin.bvh().closest_hit(&ray)?;
+            let hit = self.skin.closest_hit(&ray)?;
             let segment = self.skin.geometry().segment(hit.triangle);
             if matches!(segment, Segment::LeftEar | Segment::RightEar) {
                 ray.t_min = hit.t;
