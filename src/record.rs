@@ -13,6 +13,7 @@ use facile_trace::LightSource;
 use facile_trace::hair::Hair;
 use serde::Serialize;
 
+use crate::pipeline::BackgroundRecord;
 use crate::recipe::Occluder;
 
 /// Decimals of image positions and lengths in records: a tenth of a micrometre, a ten-thousandth of a pixel.
@@ -41,6 +42,8 @@ pub struct Record {
     pub head_pose: HeadPose,
     /// What is in front of the face.
     pub occluder: Occluder,
+    /// What is behind the head.
+    pub background: BackgroundRecord,
     /// Box around the face, occluded or not, parts outside the image included: left, top, right, bottom, px. The face is
     /// the skin in front of the ears from the hairline to the chin.
     pub face_box_px: [f64; 4],
@@ -70,6 +73,9 @@ pub struct SubjectRecord {
     /// Style and colour of the hair; none but what the skin shows if not given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub hair: Option<Hair>,
+    /// sRGB colour of the shirt.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub clothes: Option<[u8; 3]>,
 }
 
 /// What a face does.

@@ -25,6 +25,7 @@ def main() -> None:
         run(sys.argv[1], "build_landmarks.py")
     run(sys.executable, "build_identity.py")
     run(sys.executable, "build_hair.py")
+    run(sys.executable, "build_clothes.py")
     run(sys.executable, "build_subjects.py")
 
 

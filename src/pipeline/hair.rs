@@ -5,15 +5,33 @@ use std::sync::{Arc, OnceLock};
 
 use facile_core::rng::RandomStream;
 use facile_core::{Attributes, HairStyle, ReferenceHead, Subject};
+use facile_trace::clothes::ShirtFit;
 use facile_trace::hair::{Hair, HairFit, LashFit};
 
 use crate::Error;
 use crate::recipe::HairSettings;
-use crate::recipe::file::SubjectKind;
+use crate::recipe::file::{ClothesTable, SubjectKind};
 use crate::sampling::Weights;
 
 /// Random streams of hair: this number with that of the subject.
 const HAIR_STREAMS: u64 = 1 << 61;
+/// Random streams of clothes.
+const CLOTHES_STREAMS: u64 = 3 << 59;
+/// sRGB colours of shirts.
+const SHIRTS: [[u8; 3]; 12] = [
+    [228, 228, 224],
+    [36, 38, 44],
+    [52, 66, 104],
+    [122, 128, 134],
+    [142, 42, 46],
+    [70, 92, 72],
+    [196, 180, 150],
+    [88, 116, 150],
+    [84, 60, 50],
+    [206, 160, 90],
+    [110, 78, 118],
+    [60, 120, 118],
+];
 /// Standard deviations of the brightness of hair and of its warmth, as shares.
 const BRIGHTNESS: f64 = 0.14;
 const WARMTH: f64 = 0.06;
@@ -98,6 +116,7 @@ fn own_color(attributes: &Attributes, stream: &mut RandomStream) -> [u8; 3] {
 pub(super) struct Wardrobe {
     styles: BTreeMap<&'static str, OnceLock<HairFit>>,
     lashes: OnceLock<Arc<LashFit>>,
+    shirt: OnceLock<ShirtFit>,
 }
 
 impl Wardrobe {
@@ -105,7 +124,12 @@ impl Wardrobe {
         Self {
             styles: HairStyle::names().map(|n| (n, OnceLock::new())).collect(),
             lashes: OnceLock::new(),
+            shirt: OnceLock::new(),
         }
+    }
+
+    pub(super) fn shirt(&self, reference: &ReferenceHead) -> &ShirtFit {
+        self.shirt.get_or_init(|| ShirtFit::new(reference))
     }
 
     /// A style, which is one of the known.
@@ -131,13 +155,35 @@ impl Wardrobe {
     }
 }
 
+/// The colour of the shirt of a subject; `None` for none.
+pub(super) fn shirt(
+    settings: &ClothesTable,
+    seed: u64,
+    number: u64,
+    kind: &str,
+) -> Option<[u8; 3]> {
+    if !settings.on.contains(&subject_kind(kind)) {
+        return None;
+    }
+    let mut stream = RandomStream::new(seed, CLOTHES_STREAMS | number);
+    let colors = match &settings.colors[..] {
+        [] => &SHIRTS[..],
+        colors => colors,
+    };
+    Some(colors[stream.index(colors.len())])
+}
+
 /// Whether hair is for a subject of a kind: `scan`, `builtin`, `sampled`, or given by a caller, which counts as a scan.
 pub(super) fn is_for(settings: &HairSettings, kind: &str) -> bool {
-    settings.on.contains(&match kind {
+    settings.on.contains(&subject_kind(kind))
+}
+
+fn subject_kind(kind: &str) -> SubjectKind {
+    match kind {
         "builtin" => SubjectKind::Builtin,
         "sampled" => SubjectKind::Sampled,
         _ => SubjectKind::Scan,
-    })
+    }
 }
 
 /// The attributes by which hair is drawn.

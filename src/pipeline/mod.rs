@@ -5,6 +5,7 @@
 //! its views, `truth` the labels; [`Worker`] runs them in order and keeps what the next sample shares.
 
 mod animate;
+mod background;
 mod cache;
 mod clock;
 mod equilibria;
@@ -22,8 +23,10 @@ use std::collections::BTreeSet;
 use facile_core::{CoreError, ReferenceHead};
 use facile_flow::RegistrationParams;
 use facile_sim::{FaceRig, MuscleSet};
+use facile_trace::LightSource;
 
 pub use animate::Face;
+pub use background::BackgroundRecord;
 pub use cache::{CACHE_SIZE_VARIABLE, CACHE_VARIABLE, Counts};
 pub use clock::{Clock, Work};
 use equilibria::Equilibria;
@@ -35,7 +38,7 @@ pub use truth::{Maps, ViewTruth};
 pub use worker::{Sample, Worker, render_subject};
 
 use crate::Error;
-use crate::recipe::Recipe;
+use crate::recipe::{Background, Recipe};
 use crate::sampling::Sampling;
 
 /// What all samples of a recipe share.
@@ -51,6 +54,7 @@ pub struct Pipeline {
     registrations: Registrations,
     equilibria: Equilibria,
     wardrobe: hair::Wardrobe,
+    gallery: background::Gallery,
     clock: Clock,
     skips: Skips,
 }
@@ -100,6 +104,7 @@ impl Pipeline {
             }),
             equilibria: Equilibria::new(),
             wardrobe: hair::Wardrobe::new(),
+            gallery: background::Gallery::new(&recipe),
             clock: Clock::default(),
             skips,
             recipe,
@@ -185,6 +190,29 @@ fn recipe_hash(recipe: &Recipe) -> String {
         .update(env!("CARGO_PKG_VERSION").as_bytes());
     for path in &recipe.subjects.scans {
         register::hash_scan_files(path, &mut hasher);
+    }
+    // Pictures by their content; those of lights were read already
+    for background in &recipe.backgrounds {
+        match &background.background {
+            Background::Images { files, .. } => {
+                for file in files {
+                    let bytes = std::fs::read(file).unwrap_or_default();
+                    hasher.update(blake3::hash(&bytes).as_bytes());
+                }
+            }
+            Background::Environment {
+                map: Some((_, map)),
+                ..
+            } => {
+                hasher.update(&map.to_bytes());
+            }
+            _ => {}
+        }
+    }
+    for source in recipe.lightings.iter().flat_map(|l| &l.sources) {
+        if let LightSource::Environment { map: Some(map), .. } = source {
+            hasher.update(&map.to_bytes());
+        }
     }
     hasher.finalize().to_hex()[..32].to_owned()
 }

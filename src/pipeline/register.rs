@@ -67,6 +67,8 @@ pub struct Person {
     pub model: Option<FaceModel>,
     /// Hair beyond what the skin shows.
     pub hair: Option<Hair>,
+    /// sRGB colour of the shirt, if there is one.
+    pub clothes: Option<[u8; 3]>,
     /// What the user should know of how the scan was read.
     pub notices: Vec<String>,
 }
@@ -95,8 +97,13 @@ impl Pipeline {
             kind,
             &subject_value,
         );
+        let clothes = hair::shirt(&self.recipe().clothes, self.recipe().seed, subject, kind);
         let person = self.person_of(subject_value, kind, registered.report, registered.notices)?;
-        Ok(Person { hair, ..person })
+        Ok(Person {
+            hair,
+            clothes,
+            ..person
+        })
     }
 
     /// Prepares a subject that is there already.
@@ -117,6 +124,7 @@ impl Pipeline {
         Ok(Person {
             shape: equilibria::shape(&subject),
             hair: hair::of_subject(&self.recipe().hair, self.recipe().seed, 0, kind, &subject),
+            clothes: hair::shirt(&self.recipe().clothes, self.recipe().seed, 0, kind),
             subject,
             kind,
             registration,

@@ -12,7 +12,7 @@ use crate::recipe::file::Truth;
 use crate::recipe::{ImageSettings, Occluder, View};
 
 /// Linear light of an sRGB colour.
-fn linear(srgb: [u8; 3]) -> Rgb {
+pub(super) fn linear(srgb: [u8; 3]) -> Rgb {
     Rgb::from(srgb.map(|c| LINEAR_FROM_SRGB8[usize::from(c)]))
 }
 
@@ -28,6 +28,9 @@ impl Pipeline {
         let settings = &self.recipe().hair;
         if settings.lashes && hair::is_for(settings, person.kind) {
             scene.add_lashes(self.wardrobe.lashes(reference)?, &subject.positions)?;
+        }
+        if let Some(color) = person.clothes {
+            scene.add_shirt(reference, subject, self.wardrobe.shirt(reference), color)?;
         }
         if let Some(hair) = &person.hair {
             let fit = self.wardrobe.style(reference, &hair.style)?;
@@ -62,10 +65,14 @@ impl Pipeline {
             Occluder::Glasses(style) | Occluder::Sunglasses(style) => {
                 style.objects(&fit(self, scene)?)?.into()
             }
-            Occluder::Cloth(drape) => vec![drape.object(&fit(self, scene)?)?],
+            Occluder::Prop(prop) => vec![prop.object(&fit(self, scene)?)?],
+            Occluder::Model(model) => vec![model.object(&fit(self, scene)?)?],
         };
         for object in objects {
-            scene.scene.add(object);
+            let index = scene.scene.add(object);
+            if occluder.presses_hair() {
+                scene.press_hair(index)?;
+            }
         }
         Ok(())
     }
@@ -105,8 +112,20 @@ fn camera(view: &View, image: &ImageSettings) -> Result<Camera, Error> {
     let up = backward.cross(&right) * roll_cos + right * roll_sin;
     let position = target + backward * view.distance;
     let (width, height) = (image.width as usize, image.height as usize);
-    Ok(Camera::look_at(
-        width, height, position, target, up, view.fov_y,
+    let camera = Camera::look_at(width, height, position, target, up, view.fov_y)?;
+    if view.shift == [0.0; 2] {
+        return Ok(camera);
+    }
+    let mut intrinsics = *camera.intrinsics();
+    intrinsics[(0, 2)] += view.shift[0] * f64::from(image.height);
+    intrinsics[(1, 2)] += view.shift[1] * f64::from(image.height);
+    let (rotation, translation) = (*camera.camera_from_world(), *camera.translation());
+    Ok(Camera::from_matrices(
+        width,
+        height,
+        intrinsics,
+        rotation,
+        translation,
     )?)
 }
 
@@ -124,6 +143,7 @@ mod tests {
             fov_y: 0.3,
             distance: 900.0,
             target: [1.0, -20.0, 5.0],
+            shift: [0.0; 2],
         };
         let image = ImageSettings {
             width: 64,

@@ -7,7 +7,7 @@ use facile_core::{Plane, Point3, Segment, Subject};
 use facile_trace::{Camera, HeadScene, Layer, Occlusion, Ray, View as TracedView};
 
 use super::schemes::Placed;
-use super::{Face, Person, Pipeline};
+use super::{BackgroundRecord, Face, Person, Pipeline};
 use crate::recipe::file::Truth;
 use crate::recipe::{Expression, Occluder};
 use crate::record::{
@@ -135,6 +135,7 @@ impl Pipeline {
         face: &Face,
         camera: &Camera,
         truth: &ViewTruth,
+        background: BackgroundRecord,
     ) -> Record {
         let recipe = self.recipe();
         let lighting = &scene.lighting;
@@ -149,6 +150,7 @@ impl Pipeline {
                 attributes: person.subject.attributes.clone(),
                 registration: person.registration.clone(),
                 hair: person.hair.clone(),
+                clothes: person.clothes,
             },
             expression: self.expression_record(&scene.expression, face),
             light: LightRecord {
@@ -158,6 +160,7 @@ impl Pipeline {
             camera: CameraRecord::of(camera),
             head_pose: HeadPose::of(camera.camera_from_world()),
             occluder: Occluder::clone(&scene.occluder),
+            background,
             face_box_px: truth.face_box_px,
             face_square_px: square(truth.face_box_px, 0.0),
             face_margin_px: square(truth.face_box_px, recipe.image.box_margin),

@@ -18,6 +18,7 @@ use crate::Error;
 use crate::plan::Grid;
 use crate::recipe::{Occluder, Recipe, View};
 use crate::record::Record;
+use crate::write::encode_jpeg;
 
 /// Random streams of sensors: this number with that of the sample. Samples themselves use the streams below.
 const SENSOR_STREAMS: u64 = 1 << 62;
@@ -119,16 +120,25 @@ impl Worker {
         let person = self.person(scene.subject)?;
         self.pose(&person, &scene.expression.pose)?;
         self.trace(&person, &scene.occluder, &scene.view)?;
-        let (Some(posed), Some(traced)) = (&self.posed, &self.traced) else {
+        let behind = pipeline
+            .gallery
+            .draw(pipeline.recipe(), index, &scene.lighting)?;
+        let (Some(posed), Some(traced)) = (&mut self.posed, &self.traced) else {
             unreachable!("both were set above");
         };
+        posed.scene.scene.background = behind.color;
+        posed.scene.scene.backdrop = behind.backdrop;
         let recipe = pipeline.recipe();
         let mut noise = RandomStream::new(recipe.seed, SENSOR_STREAMS | index);
         let image = pipeline.clock().time(Work::Shading, || {
             let shaded = traced
                 .traced
                 .shade(&posed.scene.scene, &scene.lighting.sources)?;
-            Ok::<_, Error>(recipe.sensor.develop(&shaded.color, &mut noise))
+            let image = recipe.sensor.develop(&shaded.color, &mut noise);
+            match recipe.jpeg_quality {
+                Some(quality) => through_jpeg(&image, quality),
+                None => Ok(image),
+            }
         })?;
         let first = index - index % self.grid.lightings;
         let record = pipeline.record(
@@ -139,6 +149,7 @@ impl Worker {
             &posed.face,
             traced.traced.camera(),
             &traced.truth,
+            behind.record,
         );
         Ok(Sample {
             image,
@@ -180,7 +191,7 @@ impl Worker {
                 Some(posed) => posed.scene,
                 None => pipeline.head_scene(person)?,
             };
-            scene.remove_added();
+            scene.remove_added()?;
             pipeline.show_face(&mut scene, &face)?;
             Ok::<_, Error>(scene)
         })?;
@@ -200,7 +211,7 @@ impl Worker {
             unreachable!("a face is posed before it is traced");
         };
         if posed.occluder.as_ref() != Some(occluder) {
-            posed.scene.remove_added();
+            posed.scene.remove_added()?;
             let add = || pipeline.add_occluder(&mut posed.scene, occluder);
             clock.time(Work::Scenes, add)?;
             posed.occluder = Some(occluder.clone());
@@ -223,8 +234,16 @@ impl Worker {
     }
 }
 
+/// An image as it comes out of a JPEG.
+fn through_jpeg(image: &Plane<[u8; 3]>, quality: u8) -> Result<Plane<[u8; 3]>, Error> {
+    let bytes = encode_jpeg(image, quality)?;
+    let decoded = facile_core::io::decode_texture(&bytes, Path::new("image.jpg"))?;
+    let (width, height) = (decoded.width(), decoded.height());
+    Ok(Plane::from_fn(width, height, |x, y| decoded.texel(x, y)))
+}
+
 /// Renders one image of a subject that is there already. `tables` holds the recipe's tables `image`, `sensor`,
-/// `expression`, `light`, `view` and `occluder`, each at most once and without the list around it.
+/// `hair`, `expression`, `light`, `view`, `background` and `occluder`, each at most once and without the list around it.
 ///
 /// # Errors
 /// [`Error::Recipe`] for tables that are wrong; whatever a stage reports.
@@ -238,7 +257,7 @@ pub fn render_subject(
     });
     for (name, table) in tables {
         recipe[*name] = match *name {
-            "image" | "sensor" => table.clone(),
+            "image" | "sensor" | "hair" | "clothes" => table.clone(),
             _ => serde_json::Value::Array(vec![table.clone()]),
         };
     }

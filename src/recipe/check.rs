@@ -6,8 +6,9 @@ use std::path::{Component, Path, PathBuf};
 use facile_core::{HairStyle, builtin};
 use facile_trace::Samples;
 
+use super::check_background::{Surroundings, backgrounds};
 use super::check_sampling::sampling;
-use super::check_scene::{expressions, lightings, occluders, sensor, views};
+use super::check_scene::{expressions, jpeg_quality, lightings, occluders, sensor, views};
 use super::file::{
     DatasetTable, Format, HairTable, ImageTable, RecipeFile, SamplesTable, SubjectsTable, Truth,
 };
@@ -25,6 +26,7 @@ const IMAGE_SIDE: RangeInclusive<i64> = 8..=8192;
 pub(crate) fn check(file: RecipeFile, base: &Path) -> Result<Recipe, Problem> {
     let root = Place::default();
     check_dataset(&file, &root.key("dataset"))?;
+    let surroundings = Surroundings::new(base);
     let mut recipe = Recipe {
         name: file.dataset.name.clone(),
         seed: file.dataset.seed,
@@ -35,12 +37,15 @@ pub(crate) fn check(file: RecipeFile, base: &Path) -> Result<Recipe, Problem> {
         image: image(&file.image, &root.key("image"))?,
         subjects: subjects(&file.subjects, &root.key("subjects"), base)?,
         hair: hair(&file.hair, &root.key("hair"))?,
+        clothes: file.clothes.clone(),
         solver: file.simulation.solver.into(),
         sensor: sensor(&file.sensor, &root.key("sensor"))?,
+        jpeg_quality: jpeg_quality(&file.sensor, &root.key("sensor"))?,
         expressions: expressions(&file.expressions, &root.key("expression"))?,
-        occluders: occluders(&file.occluders, &root.key("occluder"))?,
+        occluders: occluders(&file.occluders, base, &root.key("occluder"))?,
         views: views(&file.views, &root.key("view"))?,
-        lightings: lightings(&file.lights, &root.key("light"))?,
+        lightings: lightings(&file.lights, &surroundings, &root.key("light"))?,
+        backgrounds: backgrounds(&file.backgrounds, &surroundings, &root.key("background"))?,
         sampling: None,
         file,
     };
@@ -234,7 +239,11 @@ fn hair(table: &HairTable, place: &Place) -> Result<HairSettings, Problem> {
     Ok(HairSettings::from(table))
 }
 
-fn matching_files(pattern: &str, base: &Path, place: &Place) -> Result<Vec<PathBuf>, Problem> {
+pub(crate) fn matching_files(
+    pattern: &str,
+    base: &Path,
+    place: &Place,
+) -> Result<Vec<PathBuf>, Problem> {
     // The recipe's own folder is taken literally, whatever characters its name has.
     let full = Path::new(&glob::Pattern::escape(&base.to_string_lossy())).join(pattern);
     let paths = glob::glob(&full.to_string_lossy())

@@ -245,6 +245,8 @@ fn views_drawn(table: &SamplingTable, recipe: &Recipe, place: &Place) -> Result<
     quantities.add("roll_deg", drawn.roll_deg.as_ref(), -180.0..=180.0)?;
     quantities.add("fov_y_deg", drawn.fov_y_deg.as_ref(), 1.0..=120.0)?;
     quantities.add("distance_mm", drawn.distance_mm.as_ref(), 150.0..=1e5)?;
+    quantities.add("shift_x", drawn.shift_x.as_ref(), -1.0..=1.0)?;
+    quantities.add("shift_y", drawn.shift_y.as_ref(), -1.0..=1.0)?;
     let mut list = quantities.list;
     let drawn = &table.occluder;
     let mut quantities = Quantities {
@@ -254,6 +256,9 @@ fn views_drawn(table: &SamplingTable, recipe: &Recipe, place: &Place) -> Result<
     };
     quantities.add("size", drawn.size.as_ref(), 0.7..=1.3)?;
     quantities.add("rim_mm", drawn.rim_mm.as_ref(), 0.5..=8.0)?;
+    quantities.add("x_mm", drawn.x_mm.as_ref(), -150.0..=150.0)?;
+    quantities.add("y_mm", drawn.y_mm.as_ref(), -150.0..=150.0)?;
+    quantities.add("turn_deg", drawn.turn_deg.as_ref(), -180.0..=180.0)?;
     list.append(&mut quantities.list);
     let kinds = Names::of(recipe).occluders;
     let mut picks = vec![

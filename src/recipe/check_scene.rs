@@ -1,16 +1,19 @@
 //! From the file's tables to checked settings: expressions, lights, views, occluders.
 
 use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
 
 use facile_sim::pose::{MAX_LATERAL_MM, MAX_OPEN_RAD, MAX_PROTRUSION_MM};
 use facile_sim::{ExpressionSet, MuscleSet, Pose, SimError, action_units};
-use facile_trace::occluder::{Drape, DrapeKind, Glasses, RimShape};
+use facile_trace::occluder::{Anchor, Glasses, Model, Prop, PropKind, RimShape};
 use facile_trace::{self as trace, LightSource, Sensor};
 
 use super::check::in_range;
+use super::check_background::Surroundings;
 use super::file::{
-    Attach, ExpressionTable, LightTable, OccluderKind, OccluderTable, RimTable, SensorTable,
-    SourceKind, SourceTable, ViewTable,
+    AnchorTable, Attach, ExpressionTable, LightTable, OccluderKind, OccluderTable, RimTable,
+    SensorTable, SourceKind, SourceTable, ViewTable,
 };
 use super::problem::{Place, Problem};
 use super::settings::{Expression, Lighting, Occluder, View};
@@ -21,13 +24,11 @@ const MAX_GAZE_DEG: f64 = 40.0;
 const MAX_VIEWS: usize = 1_000_000;
 /// Lengths beyond this are typing errors, mm.
 const MAX_LENGTH: f64 = 1e6;
-/// sRGB colours of cloth whose recipe names none.
-const MASK_COLOR: [u8; 3] = [150, 190, 214];
-const SCARF_COLOR: [u8; 3] = [122, 52, 48];
-const CAP_COLOR: [u8; 3] = [40, 52, 84];
 /// A spot whose recipe does not say how wide it is.
 const DEFAULT_SPOT_DEG: f64 = 30.0;
 const DEFAULT_SPOT_SOFTNESS: f64 = 0.25;
+/// Lamps of an environment whose recipe does not say how many.
+const DEFAULT_ENVIRONMENT_SAMPLES: u32 = 32;
 /// Points of an area source whose recipe does not say how many.
 const DEFAULT_AREA_SAMPLES: u32 = 16;
 /// Ground of a hemisphere whose recipe names none.
@@ -154,40 +155,146 @@ pub(crate) fn sim_problem(place: &Place, error: SimError) -> Problem {
     }
 }
 
-pub(crate) fn occluders(tables: &[OccluderTable], place: &Place) -> Result<Vec<Occluder>, Problem> {
+pub(crate) fn occluders(
+    tables: &[OccluderTable],
+    base: &Path,
+    place: &Place,
+) -> Result<Vec<Occluder>, Problem> {
     let mut list = Vec::new();
     for (i, table) in tables.iter().enumerate() {
-        let place = place.index(i);
-        let given = [
-            ("color", table.color.is_some()),
-            ("shape", table.shape.is_some()),
-            ("tint", table.tint.is_some()),
-            ("rim_mm", table.rim_mm.is_some()),
-            ("size", table.size.is_some()),
-        ];
-        let cloth = |kind, color| {
-            unused(&place, "an occluder of cloth", &given, &["color"])?;
-            let color = table.color.unwrap_or(color);
-            Ok(Occluder::Cloth(Drape { kind, color }))
-        };
-        list.push(match table.kind {
-            OccluderKind::None => {
-                unused(&place, "an occluder of kind `none`", &given, &[])?;
-                Occluder::None
-            }
-            OccluderKind::Glasses => Occluder::Glasses(glasses(table, Glasses::default(), &place)?),
-            OccluderKind::Sunglasses => {
-                Occluder::Sunglasses(glasses(table, Glasses::sunglasses(), &place)?)
-            }
-            OccluderKind::SurgicalMask => cloth(DrapeKind::SurgicalMask, MASK_COLOR)?,
-            OccluderKind::Scarf => cloth(DrapeKind::Scarf, SCARF_COLOR)?,
-            OccluderKind::Cap => cloth(DrapeKind::Cap, CAP_COLOR)?,
-        });
+        list.push(occluder(table, base, &place.index(i))?);
     }
     if list.is_empty() {
         list.push(Occluder::None);
     }
     Ok(list)
+}
+
+fn occluder(table: &OccluderTable, base: &Path, place: &Place) -> Result<Occluder, Problem> {
+    let given = [
+        ("color", table.color.is_some()),
+        ("shape", table.shape.is_some()),
+        ("tint", table.tint.is_some()),
+        ("diopters", table.diopters.is_some()),
+        ("rim_mm", table.rim_mm.is_some()),
+        ("size", table.size.is_some()),
+        ("x_mm", table.x_mm.is_some()),
+        ("y_mm", table.y_mm.is_some()),
+        ("z_mm", table.z_mm.is_some()),
+        ("turn_deg", table.turn_deg.is_some()),
+        ("file", table.file.is_some()),
+        ("anchor", table.anchor.is_some()),
+        ("scale", table.scale.is_some()),
+        ("clear", table.clear.is_some()),
+    ];
+    let name = table.kind.name();
+    let only = |allowed: &[&str]| {
+        unused(
+            place,
+            &format!("an occluder of kind `{name}`"),
+            &given,
+            allowed,
+        )
+    };
+    let lenses = ["color", "shape", "tint", "diopters", "rim_mm", "size"];
+    let kind = match table.kind {
+        OccluderKind::None => {
+            only(&[])?;
+            return Ok(Occluder::None);
+        }
+        OccluderKind::Glasses => {
+            only(&lenses)?;
+            return Ok(Occluder::Glasses(glasses(
+                table,
+                Glasses::default(),
+                place,
+            )?));
+        }
+        OccluderKind::Sunglasses => {
+            only(&lenses)?;
+            return Ok(Occluder::Sunglasses(glasses(
+                table,
+                Glasses::sunglasses(),
+                place,
+            )?));
+        }
+        OccluderKind::Model => {
+            only(&[
+                "x_mm", "y_mm", "z_mm", "turn_deg", "file", "anchor", "scale", "clear",
+            ])?;
+            return Ok(Occluder::Model(model(table, base, place)?));
+        }
+        OccluderKind::SurgicalMask => PropKind::SurgicalMask,
+        OccluderKind::Scarf => PropKind::Scarf,
+        OccluderKind::Cap => PropKind::Cap,
+        OccluderKind::Hat => PropKind::Hat,
+        OccluderKind::HeadBand => PropKind::HeadBand,
+        OccluderKind::Headphones => PropKind::Headphones,
+        OccluderKind::Hand => PropKind::Hand,
+        OccluderKind::Bar => PropKind::Bar,
+        OccluderKind::Fringe => PropKind::Fringe,
+    };
+    only(&[&["color", "size"], kind.places()].concat())?;
+    let usual = Prop::new(kind);
+    Ok(Occluder::Prop(Prop {
+        color: table.color.unwrap_or(usual.color),
+        size: in_range(
+            table.size.unwrap_or(1.0),
+            0.7..=1.3,
+            "size",
+            &place.key("size"),
+        )?,
+        x_mm: offset(table.x_mm, "x_mm", place)?,
+        y_mm: offset(table.y_mm, "y_mm", place)?,
+        turn_deg: occluder_turn(table, place)?,
+        ..usual
+    }))
+}
+
+fn offset(value: Option<f64>, key: &str, place: &Place) -> Result<f64, Problem> {
+    in_range(value.unwrap_or(0.0), -150.0..=150.0, key, &place.key(key))
+}
+
+fn occluder_turn(table: &OccluderTable, place: &Place) -> Result<f64, Problem> {
+    let turn = table.turn_deg.unwrap_or(0.0);
+    in_range(turn, -180.0..=180.0, "turn_deg", &place.key("turn_deg"))
+}
+
+fn model(table: &OccluderTable, base: &Path, place: &Place) -> Result<Model, Problem> {
+    let file_place = place.key("file");
+    let message = "an occluder of kind `model` needs the key `file`";
+    let file = table
+        .file
+        .clone()
+        .ok_or_else(|| file_place.problem(message))?;
+    let mesh = facile_core::io::load_scan(&base.join(&file), None)
+        .map_err(|e| file_place.problem(e.to_string()))?;
+    let is_metres = [".glb", ".gltf"]
+        .iter()
+        .any(|e| file.to_lowercase().ends_with(e));
+    let scale = table.scale.unwrap_or(if is_metres { 1000.0 } else { 1.0 });
+    Ok(Model {
+        file,
+        anchor: match table.anchor {
+            None | Some(AnchorTable::Nose) => Anchor::Nose,
+            Some(AnchorTable::Eyes) => Anchor::Eyes,
+            Some(AnchorTable::Mouth) => Anchor::Mouth,
+            Some(AnchorTable::Chin) => Anchor::Chin,
+            Some(AnchorTable::Forehead) => Anchor::Forehead,
+            Some(AnchorTable::LeftEar) => Anchor::LeftEar,
+            Some(AnchorTable::RightEar) => Anchor::RightEar,
+            Some(AnchorTable::Head) => Anchor::Head,
+        },
+        scale: in_range(scale, 1e-3..=1e4, "scale", &place.key("scale"))?,
+        offset_mm: [
+            offset(table.x_mm, "x_mm", place)?,
+            offset(table.y_mm, "y_mm", place)?,
+            offset(table.z_mm, "z_mm", place)?,
+        ],
+        turn_deg: occluder_turn(table, place)?,
+        clear: table.clear.unwrap_or(true),
+        mesh: Arc::new(mesh),
+    })
 }
 
 fn glasses(table: &OccluderTable, style: Glasses, place: &Place) -> Result<Glasses, Problem> {
@@ -206,6 +313,12 @@ fn glasses(table: &OccluderTable, style: Glasses, place: &Place) -> Result<Glass
         },
         color: table.color.unwrap_or(style.color),
         tint,
+        diopters: in_range(
+            table.diopters.unwrap_or(style.diopters),
+            -8.0..=8.0,
+            "diopters",
+            &place.key("diopters"),
+        )?,
         rim_mm: in_range(rim_mm, 0.5..=8.0, "rim_mm", &place.key("rim_mm"))?,
         size: in_range(size, 0.7..=1.3, "size", &place.key("size"))?,
     })
@@ -253,6 +366,9 @@ pub(crate) fn views(tables: &[ViewTable], place: &Place) -> Result<Vec<View>, Pr
             &distance_place,
         )?;
         length(table.target_mm, &place.key("target_mm"))?;
+        for (k, v) in table.shift.into_iter().enumerate() {
+            in_range(v, -1.0..=1.0, "shift", &place.key("shift").index(k))?;
+        }
         for &yaw in &table.yaw_deg {
             for &pitch in &table.pitch_deg {
                 for &roll in &table.roll_deg {
@@ -263,6 +379,7 @@ pub(crate) fn views(tables: &[ViewTable], place: &Place) -> Result<Vec<View>, Pr
                         fov_y: fov_y.to_radians(),
                         distance,
                         target: table.target_mm,
+                        shift: table.shift,
                     });
                 }
             }
@@ -271,7 +388,11 @@ pub(crate) fn views(tables: &[ViewTable], place: &Place) -> Result<Vec<View>, Pr
     Ok(list)
 }
 
-pub(crate) fn lightings(tables: &[LightTable], place: &Place) -> Result<Vec<Lighting>, Problem> {
+pub(crate) fn lightings(
+    tables: &[LightTable],
+    surroundings: &Surroundings<'_>,
+    place: &Place,
+) -> Result<Vec<Lighting>, Problem> {
     let mut list = Vec::new();
     for (i, table) in tables.iter().enumerate() {
         let place = place.index(i);
@@ -287,7 +408,7 @@ pub(crate) fn lightings(tables: &[LightTable], place: &Place) -> Result<Vec<Ligh
             .sources
             .iter()
             .enumerate()
-            .map(|(k, s)| source(s, &sources_place.index(k)))
+            .map(|(k, s)| source(s, surroundings, &sources_place.index(k)))
             .collect::<Result<_, _>>()?;
         list.push(Lighting {
             name: table.name.clone(),
@@ -319,7 +440,11 @@ fn studio() -> Lighting {
     }
 }
 
-fn source(table: &SourceTable, place: &Place) -> Result<LightSource, Problem> {
+fn source(
+    table: &SourceTable,
+    surroundings: &Surroundings<'_>,
+    place: &Place,
+) -> Result<LightSource, Problem> {
     let allowed: &[&str] = match table.kind {
         SourceKind::Point => &["position", "attach"],
         SourceKind::Directional => &["direction", "attach"],
@@ -327,6 +452,8 @@ fn source(table: &SourceTable, place: &Place) -> Result<LightSource, Problem> {
         SourceKind::Spot => &["position", "target", "angle_deg", "softness", "attach"],
         SourceKind::Area => &["position", "target", "size", "samples", "attach"],
         SourceKind::Hemisphere => &["ground"],
+        SourceKind::SphericalHarmonic => &["coefficients", "turn_deg"],
+        SourceKind::Environment => &["file", "turn_deg", "samples"],
     };
     let name = table.kind.name();
     let given = [
@@ -338,6 +465,9 @@ fn source(table: &SourceTable, place: &Place) -> Result<LightSource, Problem> {
         ("size", table.size.is_some()),
         ("samples", table.samples.is_some()),
         ("ground", table.ground.is_some()),
+        ("coefficients", table.coefficients.is_some()),
+        ("file", table.file.is_some()),
+        ("turn_deg", table.turn_deg.is_some()),
         ("attach", table.attach.is_some()),
     ];
     unused(
@@ -387,6 +517,8 @@ fn source(table: &SourceTable, place: &Place) -> Result<LightSource, Problem> {
             ground: linear_color(table.ground.unwrap_or(GROUND_COLOR), &place.key("ground"))?,
         },
         SourceKind::Area => area(table, place, intensity, color, attach)?,
+        SourceKind::SphericalHarmonic => harmonic(table, intensity, place)?,
+        SourceKind::Environment => environment(table, surroundings, intensity, color, place)?,
         SourceKind::Spot => {
             let position = triple("position", table.position)?;
             let target = triple("target", table.target)?;
@@ -410,6 +542,17 @@ fn source(table: &SourceTable, place: &Place) -> Result<LightSource, Problem> {
     })
 }
 
+pub(crate) fn jpeg_quality(table: &SensorTable, place: &Place) -> Result<Option<u8>, Problem> {
+    let quality = table.jpeg_quality;
+    match u8::try_from(quality).ok().filter(|q| *q <= 100) {
+        Some(quality) => Ok((quality > 0).then_some(quality)),
+        None => {
+            let message = format!("jpeg_quality must be from 0 to 100, found {quality}");
+            Err(place.key("jpeg_quality").problem(message))
+        }
+    }
+}
+
 pub(crate) fn sensor(table: &SensorTable, place: &Place) -> Result<Sensor, Problem> {
     let number = |key: &str, value: f64, low: f64, high: f64| {
         in_range(value, low..=high, key, &place.key(key)).map(|v| v as f32)
@@ -429,6 +572,62 @@ pub(crate) fn sensor(table: &SensorTable, place: &Place) -> Result<Sensor, Probl
         blur_px: number("blur_px", table.blur_px, 0.0, 20.0)?,
         photon_noise: number("photon_noise", table.photon_noise, 0.0, 1.0)?,
         read_noise: number("read_noise", table.read_noise, 0.0, 1.0)?,
+    })
+}
+
+fn turn_deg(table: &SourceTable, place: &Place) -> Result<f32, Problem> {
+    let turn = table.turn_deg.unwrap_or(0.0);
+    // Turns add up where lights are drawn
+    in_range(turn, -720.0..=720.0, "turn_deg", &place.key("turn_deg")).map(|v| v as f32)
+}
+
+fn harmonic(table: &SourceTable, intensity: f32, place: &Place) -> Result<LightSource, Problem> {
+    let place_of = place.key("coefficients");
+    let given = table.coefficients.as_deref().unwrap_or_default();
+    let coefficients: [[f64; 3]; 9] = given.try_into().map_err(|_| {
+        let found = given.len();
+        place_of.problem(format!(
+            "nine coefficients of three numbers are needed, found {found}"
+        ))
+    })?;
+    for (i, v) in coefficients.iter().flatten().enumerate() {
+        in_range(*v, -1e6..=1e6, "a coefficient", &place_of.index(i / 3))?;
+    }
+    Ok(LightSource::SphericalHarmonic {
+        intensity,
+        coefficients: coefficients.map(|c| c.map(|v| v as f32)),
+        turn_deg: turn_deg(table, place)?,
+    })
+}
+
+fn environment(
+    table: &SourceTable,
+    surroundings: &Surroundings<'_>,
+    intensity: f32,
+    color: [f32; 3],
+    place: &Place,
+) -> Result<LightSource, Problem> {
+    let file_place = place.key("file");
+    let message = "a source of kind `environment` needs the key `file`";
+    let file = table
+        .file
+        .clone()
+        .ok_or_else(|| file_place.problem(message))?;
+    let samples = table.samples.unwrap_or(DEFAULT_ENVIRONMENT_SAMPLES);
+    let limit = f64::from(trace::light::MAX_ENVIRONMENT_SAMPLES);
+    in_range(
+        f64::from(samples),
+        0.0..=limit,
+        "samples",
+        &place.key("samples"),
+    )?;
+    Ok(LightSource::Environment {
+        map: Some(surroundings.map(&file, &file_place)?),
+        file,
+        intensity,
+        color,
+        turn_deg: turn_deg(table, place)?,
+        samples,
     })
 }
 
@@ -487,7 +686,7 @@ fn length(v: [f64; 3], place: &Place) -> Result<[f64; 3], Problem> {
 }
 
 /// Refuses keys that have no meaning for what they were given to.
-fn unused(
+pub(crate) fn unused(
     place: &Place,
     owner: &str,
     keys: &[(&str, bool)],

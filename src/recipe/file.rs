@@ -26,6 +26,9 @@ pub struct RecipeFile {
     /// Hair of the heads that the program makes; scans bring their own.
     #[serde(default)]
     pub hair: HairTable,
+    /// Shirts of the heads that the program makes.
+    #[serde(default)]
+    pub clothes: ClothesTable,
     /// How faces are brought to equilibrium.
     #[serde(default)]
     pub simulation: SimulationTable,
@@ -41,6 +44,9 @@ pub struct RecipeFile {
     /// Viewpoints; a frontal one if there are none.
     #[serde(default, rename = "view")]
     pub views: Vec<ViewTable>,
+    /// What is behind the head: each image draws one of these; the colour `image.background` if there are none.
+    #[serde(default, rename = "background")]
+    pub backgrounds: Vec<BackgroundTable>,
     /// Things in front of the face; nothing if there are none.
     #[serde(default, rename = "occluder")]
     pub occluders: Vec<OccluderTable>,
@@ -217,6 +223,25 @@ impl Default for HairTable {
     }
 }
 
+/// `[clothes]`: a shirt around neck and shoulders, in a colour for each person.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct ClothesTable {
+    /// Subjects that wear a shirt; none for an empty list.
+    pub on: Vec<SubjectKind>,
+    /// sRGB colours to draw from, from 0 to 255; usual ones if there are none.
+    pub colors: Vec<[u8; 3]>,
+}
+
+impl Default for ClothesTable {
+    fn default() -> Self {
+        Self {
+            on: vec![SubjectKind::Builtin, SubjectKind::Sampled],
+            colors: Vec::new(),
+        }
+    }
+}
+
 /// Where a subject comes from.
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema,
@@ -239,7 +264,7 @@ pub struct SimulationTable {
     pub solver: SolverWord,
 }
 
-/// `[sensor]`: blur, then brightness, then noise. Nothing is changed by default.
+/// `[sensor]`: blur, then brightness, then noise, then compression. Nothing is changed by default.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SensorTable {
@@ -254,6 +279,9 @@ pub struct SensorTable {
     pub photon_noise: f64,
     /// Standard deviation of the noise in the dark, from 0 to 1.
     pub read_noise: f64,
+    /// Quality from 1 to 100 of a JPEG that the image went through, whatever the file's format: blocks and blurred colours.
+    /// 0 for none.
+    pub jpeg_quality: i64,
 }
 
 impl Default for SensorTable {
@@ -264,6 +292,7 @@ impl Default for SensorTable {
             blur_px: 0.0,
             photon_noise: 0.0,
             read_noise: 0.0,
+            jpeg_quality: 0,
         }
     }
 }
@@ -366,12 +395,25 @@ pub struct SourceTable {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub size: Option<[f64; 2]>,
     /// Points that stand for an area source, from 1 to 256; 16 if not given. Its shadows have as many steps, and rendering
-    /// takes as many shadow rays.
+    /// takes as many shadow rays. Lamps that stand for an environment, from 0, for smooth light without shadows, to 1024; 32
+    /// if not given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub samples: Option<u32>,
     /// Linear RGB of a hemisphere's ground, each from 0 to 1; `color` is its sky.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ground: Option<[f64; 3]>,
+    /// What a white surface of unit normal `n` gets from a spherical harmonic source, linear RGB: the constant, then the
+    /// factors of `x, y, z, xy, yz, zx, 3 z^2 - 1, x^2 - y^2` of `n`. Nine of them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub coefficients: Option<Vec<[f64; 3]>>,
+    /// Picture of an environment source, relative to the recipe: equirectangular, its middle behind a head that looks at the
+    /// viewer; Radiance HDR, OpenEXR, PNG, JPEG or WebP.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub file: Option<String>,
+    /// Turn of an environment or spherical harmonic about the head's vertical axis, to the subject's left, from -360 to 360
+    /// degrees.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub turn_deg: Option<f64>,
     /// What the source is fixed to; the head if not given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub attach: Option<Attach>,
@@ -393,6 +435,10 @@ pub enum SourceKind {
     Area,
     /// A sky above and a ground below, without shadows.
     Hemisphere,
+    /// Changes smoothly with direction, without shadows: nine numbers a channel.
+    SphericalHarmonic,
+    /// A picture of the surroundings.
+    Environment,
 }
 
 impl SourceKind {
@@ -405,6 +451,8 @@ impl SourceKind {
             Self::Spot => "spot",
             Self::Area => "area",
             Self::Hemisphere => "hemisphere",
+            Self::SphericalHarmonic => "spherical_harmonic",
+            Self::Environment => "environment",
         }
     }
 }
@@ -435,6 +483,9 @@ pub struct ViewTable {
     pub distance_mm: f64,
     /// What the camera looks at, in the head's frame, mm.
     pub target_mm: [f64; 3],
+    /// Motion of the image's content to the right and downwards, as a share of the image's height, each from -1 to 1: the
+    /// camera's principal point moves, its direction does not.
+    pub shift: [f64; 2],
 }
 
 impl Default for ViewTable {
@@ -446,8 +497,57 @@ impl Default for ViewTable {
             fov_y_deg: 18.0,
             distance_mm: 900.0,
             target_mm: [0.0, -18.0, 10.0],
+            shift: [0.0; 2],
         }
     }
+}
+
+/// `[[background]]`: what is behind the head. Does not multiply: each image draws one.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct BackgroundTable {
+    /// Kind of background.
+    pub kind: BackgroundKind,
+    /// How often it comes relative to the others.
+    #[serde(default = "default_weight")]
+    pub weight: f64,
+    /// sRGB colour, from 0 to 255; of a gradient at the top.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub color: Option<[u8; 3]>,
+    /// sRGB colour of a gradient at the bottom, from 0 to 255.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bottom: Option<[u8; 3]>,
+    /// Softness of a room, from 0 to 0.2 of the image's side; 0.06 if not given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub blur: Option<f64>,
+    /// Pictures as globs, relative to the recipe: PNG, JPEG, WebP, BMP. Each image draws one, cut to its shape.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub files: Option<Vec<String>>,
+    /// Picture of an environment, as that of a light; that of the image's lighting if not given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub file: Option<String>,
+    /// Factor on the light of pictures and environments; 1 if not given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub intensity: Option<f64>,
+    /// Turn of an environment about the vertical axis, to the subject's left, from -360 to 360 degrees.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub turn_deg: Option<f64>,
+}
+
+/// Kind of a background.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum BackgroundKind {
+    /// One colour.
+    Color,
+    /// From one colour at the top to another at the bottom.
+    Gradient,
+    /// A room out of focus, another one in each image.
+    Room,
+    /// Pictures of a folder.
+    Images,
+    /// Surroundings that turn with the camera.
+    Environment,
 }
 
 /// `[[occluder]]`: keys that are not given are the kind's own.
@@ -459,18 +559,69 @@ pub struct OccluderTable {
     /// Outline of the lenses of glasses.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shape: Option<RimTable>,
-    /// sRGB colour of the frame of glasses or of the cloth, from 0 to 255.
+    /// sRGB colour of the frame of glasses or of anything else, from 0 to 255.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub color: Option<[u8; 3]>,
     /// Linear RGB share of light that passes a lens, each from 0 to 1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tint: Option<[f64; 3]>,
+    /// Refracting power of the lenses, from -8 to 8 dioptres: negative ones make the eyes smaller. 0 if not given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub diopters: Option<f64>,
     /// Thickness of the rims of glasses, from 0.5 to 8 mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rim_mm: Option<f64>,
-    /// Size of the lenses relative to usual ones, from 0.7 to 1.3.
+    /// Size relative to a usual one, from 0.7 to 1.3: lenses, height of a mask, thickness of a scarf, length of a brim or
+    /// fringe, width of a band, cups, hand, pole.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub size: Option<f64>,
+    /// Motion of a hand, bar or model to the subject's left, from -150 to 150 mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub x_mm: Option<f64>,
+    /// Motion upwards of anything but glasses, from -150 to 150 mm: -25 uncovers the nose over a mask.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub y_mm: Option<f64>,
+    /// Motion of a model away from the face, from -150 to 150 mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub z_mm: Option<f64>,
+    /// Turn of a hand, bar or model, counter-clockwise for the viewer, or of a cap's brim to the subject's left, from -180 to
+    /// 180 degrees.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub turn_deg: Option<f64>,
+    /// Mesh of a model: OBJ, PLY, GLB or glTF, relative to the recipe; `y` up, `z` out of the face.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub file: Option<String>,
+    /// Feature that a model's origin is put on; the tip of the nose if not given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub anchor: Option<AnchorTable>,
+    /// Millimetres of one unit of a model's file, from 0.001 to 10,000; 1,000 for GLB and glTF, 1 for others if not given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scale: Option<f64>,
+    /// Whether a model is pushed out until it does not cut into the face; `true` if not given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub clear: Option<bool>,
+}
+
+/// Feature of a face.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum AnchorTable {
+    /// Tip of the nose.
+    Nose,
+    /// Between the eyes.
+    Eyes,
+    /// Middle of the mouth.
+    Mouth,
+    /// Chin.
+    Chin,
+    /// Between the brows.
+    Forehead,
+    /// Where the left ear meets the head.
+    LeftEar,
+    /// Where the right ear meets the head.
+    RightEar,
+    /// Middle of the head: the head frame's origin.
+    Head,
 }
 
 /// Kind of an occluder.
@@ -489,6 +640,41 @@ pub enum OccluderKind {
     Scarf,
     /// Cloth over the skull, with a brim over the forehead.
     Cap,
+    /// Felt over the skull, with a brim all around.
+    Hat,
+    /// A band around the head, over the forehead.
+    HeadBand,
+    /// Cups over the ears and a bow over the head.
+    Headphones,
+    /// A hand before the face, fingers up.
+    Hand,
+    /// A pole across the face.
+    Bar,
+    /// Hair that falls over the forehead.
+    Fringe,
+    /// A mesh of yours.
+    Model,
+}
+
+impl OccluderKind {
+    /// The name in recipes and records.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Glasses => "glasses",
+            Self::Sunglasses => "sunglasses",
+            Self::SurgicalMask => "surgical_mask",
+            Self::Scarf => "scarf",
+            Self::Cap => "cap",
+            Self::Hat => "hat",
+            Self::HeadBand => "head_band",
+            Self::Headphones => "headphones",
+            Self::Hand => "hand",
+            Self::Bar => "bar",
+            Self::Fringe => "fringe",
+            Self::Model => "model",
+        }
+    }
 }
 
 /// Outline of a lens.
@@ -518,6 +704,10 @@ fn default_intensities() -> Vec<f64> {
 }
 
 fn default_intensity() -> f64 {
+    1.0
+}
+
+fn default_weight() -> f64 {
     1.0
 }
 

@@ -6,9 +6,13 @@
 use std::io::Read as _;
 use std::path::Path;
 
+use check_background::Surroundings;
+use facile_trace::LightSource;
+
 use crate::Error;
 
 mod check;
+mod check_background;
 mod check_sampling;
 mod check_scene;
 pub mod file;
@@ -19,8 +23,8 @@ mod settings;
 pub use file::RecipeFile;
 pub use problem::RecipeError;
 pub use settings::{
-    Expression, HairSettings, ImageSettings, Lighting, Occluder, Recipe, SubjectSource, Subjects,
-    View,
+    Background, Expression, HairSettings, ImageSettings, Lighting, Occluder, Recipe, SubjectSource,
+    Subjects, View, WeightedBackground,
 };
 
 /// Most bytes of a recipe.
@@ -70,12 +74,23 @@ impl Recipe {
     }
 }
 
-/// A lighting whose numbers were drawn.
-pub(crate) fn drawn_lighting(table: &file::LightTable) -> Result<Lighting, Error> {
-    let mut list = check_scene::lightings(std::slice::from_ref(table), &problem::Place::default())
-        .map_err(|problem| Error::Internal {
+/// A lighting whose numbers were drawn; `base` is as the recipe has it.
+pub(crate) fn drawn_lighting(table: &file::LightTable, base: &Lighting) -> Result<Lighting, Error> {
+    let maps = base.sources.iter().filter_map(|source| match source {
+        LightSource::Environment {
+            file,
+            map: Some(map),
+            ..
+        } => Some((file.clone(), map.clone())),
+        _ => None,
+    });
+    let surroundings = Surroundings::known(maps.collect());
+    let (tables, place) = (std::slice::from_ref(table), problem::Place::default());
+    let mut list = check_scene::lightings(tables, &surroundings, &place).map_err(|problem| {
+        Error::Internal {
             reason: format!("light `{}` as drawn: {problem}", table.name),
-        })?;
+        }
+    })?;
     Ok(list.remove(0))
 }
 

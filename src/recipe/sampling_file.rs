@@ -125,6 +125,12 @@ pub struct SampledViewTable {
     /// Distance from the camera to the target, mm.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub distance_mm: Option<DistributionTable>,
+    /// Motion of the image's content to the right, as a share of the image's height, from -1 to 1.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub shift_x: Option<DistributionTable>,
+    /// Motion of the image's content downwards, as a share of the image's height, from -1 to 1.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub shift_y: Option<DistributionTable>,
 }
 
 /// `[sampling.light]`: an entry of `[[light]]`, turned, moved and made stronger or weaker as a whole. Sources that are
@@ -157,13 +163,22 @@ pub struct SampledLightTable {
 pub struct SampledOccluderTable {
     /// How often an occluder comes relative to the others, by its kind; 1 if not given.
     pub weights: BTreeMap<String, f64>,
-    /// Size of the lenses of glasses, from 0.7 to 1.3.
+    /// Size relative to a usual one, from 0.7 to 1.3.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub size: Option<DistributionTable>,
     /// Thickness of the rims of glasses, from 0.5 to 8 mm.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rim_mm: Option<DistributionTable>,
-    /// sRGB colours of frames and cloth to choose from, each from 0 to 255.
+    /// Motion of a hand, bar or model to the subject's left, from -150 to 150 mm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub x_mm: Option<DistributionTable>,
+    /// Motion of anything but glasses upwards, from -150 to 150 mm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub y_mm: Option<DistributionTable>,
+    /// Turn of a hand, bar, model, or a cap's brim, from -180 to 180 degrees.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub turn_deg: Option<DistributionTable>,
+    /// sRGB colours of frames, cloth and so on to choose from, each from 0 to 255.
     pub colors: Vec<[u8; 3]>,
 }
 

@@ -2,13 +2,14 @@
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use facile_sim::{Pose, SolverKind};
-use facile_trace::occluder::{Drape, Glasses};
-use facile_trace::{LightSource, Samples, Sensor};
+use facile_trace::occluder::{Glasses, Model, Prop, PropKind};
+use facile_trace::{EnvironmentMap, LightSource, Samples, Sensor};
 use serde::Serialize;
 
-use super::file::{Encoding, Format, HairTable, RecipeFile, SubjectKind, Truth};
+use super::file::{ClothesTable, Encoding, Format, HairTable, RecipeFile, SubjectKind, Truth};
 use crate::sampling::Sampling;
 
 /// A checked recipe. The lists multiply: every combination of their entries is one image, unless samples are drawn.
@@ -32,10 +33,14 @@ pub struct Recipe {
     pub subjects: Subjects,
     /// Whose hair is which.
     pub hair: HairSettings,
+    /// Whose shirt has which colour.
+    pub clothes: ClothesTable,
     /// How faces are brought to equilibrium.
     pub solver: SolverKind,
     /// What the camera does to an image's light.
     pub sensor: Sensor,
+    /// Quality of the JPEG that images go through, 1 to 100; `None` for none.
+    pub jpeg_quality: Option<u8>,
     /// Expressions, each at one intensity.
     pub expressions: Vec<Expression>,
     /// Things in front of the face.
@@ -44,6 +49,8 @@ pub struct Recipe {
     pub views: Vec<View>,
     /// Lightings.
     pub lightings: Vec<Lighting>,
+    /// What is behind the head; the image's colour if there are none.
+    pub backgrounds: Vec<WeightedBackground>,
     /// How samples are drawn; `None` for every combination of the lists.
     pub sampling: Option<Sampling>,
     /// The tables this was made from.
@@ -202,17 +209,74 @@ pub enum Occluder {
     Glasses(Glasses),
     /// Dark glasses.
     Sunglasses(Glasses),
-    /// Surgical mask, scarf or cap.
+    /// A user's mesh.
+    Model(Model),
+    /// Anything else that is worn or held.
     #[serde(untagged)]
-    Cloth(Drape),
+    Prop(Prop),
 }
 
 impl Occluder {
+    /// Whether it is worn over the hair.
+    pub fn presses_hair(&self) -> bool {
+        let Self::Prop(prop) = self else {
+            return false;
+        };
+        matches!(
+            prop.kind,
+            PropKind::Cap | PropKind::Hat | PropKind::HeadBand | PropKind::Headphones
+        )
+    }
+
     /// The name of its kind in recipes and records.
     pub fn kind(&self) -> String {
         let value = serde_json::to_value(self).unwrap_or_default();
         value["kind"].as_str().unwrap_or("none").to_owned()
     }
+}
+
+/// A background and how often it comes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WeightedBackground {
+    /// Relative to the others, at least 0.
+    pub weight: f64,
+    /// The background.
+    pub background: Background,
+}
+
+/// What is behind the head. Colours are sRGB.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Background {
+    /// One colour.
+    Color([u8; 3]),
+    /// A vertical gradient.
+    Gradient {
+        /// At the top.
+        top: [u8; 3],
+        /// At the bottom.
+        bottom: [u8; 3],
+    },
+    /// A drawn room.
+    Room {
+        /// Softness, a share of the image's side.
+        blur: f64,
+    },
+    /// Pictures, of which one is drawn.
+    Images {
+        /// The files, at least one.
+        files: Vec<PathBuf>,
+        /// Factor on their light.
+        intensity: f32,
+    },
+    /// Surroundings.
+    Environment {
+        /// File and picture; those of the lighting if there are none.
+        map: Option<(String, Arc<EnvironmentMap>)>,
+        /// To the subject's left, rad.
+        turn: f32,
+        /// Factor on its light.
+        intensity: f32,
+    },
 }
 
 /// A viewpoint: the camera on a sphere around its target.
@@ -230,6 +294,8 @@ pub struct View {
     pub distance: f64,
     /// What the camera looks at, mm.
     pub target: [f64; 3],
+    /// Motion of the content to the right and downwards, shares of the image's height.
+    pub shift: [f64; 2],
 }
 
 /// Light sources that shine at the same time.

@@ -7,7 +7,7 @@ use facile_sim::pose::{MAX_LATERAL_MM, MAX_OPEN_RAD, MAX_PROTRUSION_MM};
 
 use super::{Drawn, Quantity, Sampling, Stage};
 use crate::Error;
-use crate::recipe::file::{Attach, LightTable};
+use crate::recipe::file::{Attach, LightTable, SourceKind};
 use crate::recipe::{Expression, Lighting, Occluder, Recipe, View, drawn_lighting};
 
 /// Eyes turn no further, rad.
@@ -112,6 +112,8 @@ fn seen(mut view: View, values: &[(&str, f64)]) -> View {
             "roll_deg" => view.roll = v.to_radians(),
             "fov_y_deg" => view.fov_y = v.to_radians(),
             "distance_mm" => view.distance = *v,
+            "shift_x" => view.shift[0] = *v,
+            "shift_y" => view.shift[1] = *v,
             _ => {}
         }
     }
@@ -137,7 +139,30 @@ fn occluder<'a>(
             }
             glasses.color = color.unwrap_or(glasses.color);
         }
-        Occluder::Cloth(cloth) => cloth.color = color.unwrap_or(cloth.color),
+        Occluder::Prop(prop) => {
+            for (name, v) in values {
+                let key = name.strip_prefix("occluder.").unwrap_or(name);
+                let has = |key| prop.kind.places().contains(&key);
+                match key {
+                    "size" => prop.size = *v,
+                    "x_mm" if has(key) => prop.x_mm = *v,
+                    "y_mm" if has(key) => prop.y_mm = *v,
+                    "turn_deg" if has(key) => prop.turn_deg = *v,
+                    _ => {}
+                }
+            }
+            prop.color = color.unwrap_or(prop.color);
+        }
+        Occluder::Model(model) => {
+            for (name, v) in values {
+                match *name {
+                    "occluder.x_mm" => model.offset_mm[0] = *v,
+                    "occluder.y_mm" => model.offset_mm[1] = *v,
+                    "occluder.turn_deg" => model.turn_deg = *v,
+                    _ => {}
+                }
+            }
+        }
     }
     Cow::Owned(out)
 }
@@ -173,6 +198,14 @@ fn lighting<'a>(
         }
         source.position = source.position.map(|p| moved(turned(p)));
         source.direction = source.direction.map(turned);
+        if matches!(
+            source.kind,
+            SourceKind::Environment | SourceKind::SphericalHarmonic
+        ) {
+            let own = source.turn_deg.unwrap_or(0.0);
+            source.turn_deg = Some(own + value("light.turn_deg", 0.0));
+        }
     }
-    Ok(Cow::Owned(drawn_lighting(&table)?))
+    let base = &recipe.lightings[pick];
+    Ok(Cow::Owned(drawn_lighting(&table, base)?))
 }

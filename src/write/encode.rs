@@ -16,17 +16,7 @@ pub fn encode_image(image: &Plane<[u8; 3]>, settings: &ImageSettings) -> Result<
     let (width, height) = (image.width(), image.height());
     match settings.encoding {
         Encoding::Png => Ok(encode_rgb8(image)?),
-        Encoding::Jpeg => {
-            let mut out = Vec::new();
-            let mut encoder = jpeg_encoder::Encoder::new(&mut out, settings.quality);
-            encoder.set_optimized_huffman_tables(true);
-            let size = u16::try_from(width).ok().zip(u16::try_from(height).ok());
-            let (w, h) = size.ok_or_else(|| failed(width, height, &"too large for JPEG"))?;
-            encoder
-                .encode(bytes, w, h, jpeg_encoder::ColorType::Rgb)
-                .map_err(|e| failed(width, height, &e))?;
-            Ok(out)
-        }
+        Encoding::Jpeg => encode_jpeg(image, settings.quality),
         Encoding::Webp => {
             let mut out = Vec::new();
             image_webp::WebPEncoder::new(&mut out)
@@ -40,6 +30,28 @@ pub fn encode_image(image: &Plane<[u8; 3]>, settings: &ImageSettings) -> Result<
             Ok(out)
         }
     }
+}
+
+/// Encodes an sRGB image as JPEG of a quality from 1 to 100.
+///
+/// # Errors
+/// [`Error::Encode`] if it is too large.
+pub(crate) fn encode_jpeg(image: &Plane<[u8; 3]>, quality: u8) -> Result<Vec<u8>, Error> {
+    let (width, height) = (image.width(), image.height());
+    let mut out = Vec::new();
+    let mut encoder = jpeg_encoder::Encoder::new(&mut out, quality);
+    encoder.set_optimized_huffman_tables(true);
+    let size = u16::try_from(width).ok().zip(u16::try_from(height).ok());
+    let (w, h) = size.ok_or_else(|| failed(width, height, &"too large for JPEG"))?;
+    encoder
+        .encode(
+            image.as_slice().as_flattened(),
+            w,
+            h,
+            jpeg_encoder::ColorType::Rgb,
+        )
+        .map_err(|e| failed(width, height, &e))?;
+    Ok(out)
 }
 
 fn failed(width: usize, height: usize, reason: &dyn std::fmt::Display) -> Error {

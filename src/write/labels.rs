@@ -77,8 +77,12 @@ pub(super) fn labels_schema() -> Value {
                 "roll_deg": number("counter-clockwise in the image"),
             })),
             "occluder": { "type": "object", "required": ["kind"], "properties": {
-                "kind": text("none, glasses, sunglasses, surgical_mask, scarf or cap"),
+                "kind": text("none, glasses, sunglasses, surgical_mask, scarf, cap, hat, head_band, headphones, hand, bar, fringe or model"),
             }, "description": "what is in front of the face, with its own numbers" },
+            "background": { "type": "object", "required": ["kind"], "properties": {
+                "kind": text("color, gradient, room, images or environment"),
+                "file": text("the picture"),
+            }, "description": "what is behind the head" },
             "face_box_px": box_of("the face, occluded or not: skin in front of the ears from hairline to chin"),
             "face_square_px": box_of("the smallest square around face_box_px with the same middle"),
             "face_margin_px": box_of("that square with the recipe's box_margin of its side added on each side"),
@@ -92,7 +96,7 @@ pub(super) fn labels_schema() -> Value {
 }
 
 fn subject() -> Value {
-    object(
+    let mut subject = object(
         "whose face",
         json!({
             "id": text("name, unique in the dataset"),
@@ -100,7 +104,16 @@ fn subject() -> Value {
             "attributes": { "type": "object", "description": "sex, ancestry, age, eye_color, hair, source, license, as far as known" },
             "registration": { "type": ["object", "null"], "description": "how well the scan was registered, lengths in mm; null for sampled subjects" },
         }),
-    )
+    );
+    subject["properties"]["hair"] = object(
+        "cards of hair; without them the head shows what is painted on its skin",
+        json!({
+            "style": text("name of the style"),
+            "color": numbers(3, "mean sRGB colour of the strands, 0 to 255"),
+        }),
+    );
+    subject["properties"]["clothes"] = numbers(3, "sRGB colour of the shirt, 0 to 255");
+    subject
 }
 
 fn expression() -> Value {
@@ -139,7 +152,7 @@ fn landmarks() -> Value {
             "mm": point(3, "places on the face, head frame"),
             "visibility": {
                 "type": "array", "items": { "enum": VISIBILITIES },
-                "description": "visible, or what hides it: the head itself, an occluder, the other lip, the image's frame",
+                "description": "visible, or what hides it: the head itself, its hair, an occluder, the other lip, the image's frame",
             },
         })),
     })

@@ -18,6 +18,7 @@ pub(crate) use card::Tally;
 pub use card::{CARD, CROISSANT};
 pub use coco::COCO;
 pub use encode::encode_image;
+pub(crate) use encode::encode_jpeg;
 pub use facile_trace::png_file::{encode_gray8, encode_gray16, encode_rgb8};
 pub use folder::{ANNOTATIONS, CHECKSUMS, Folder, finished};
 pub use journal::{FileEntry, Journal};

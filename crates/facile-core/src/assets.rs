@@ -179,6 +179,9 @@ pub(crate) const LASHES_FILES: [&[u8]; 2] = [embed!("hair/lashes.obj"), embed!("
 /// Share of hair in the reference UV.
 pub(crate) const SCALP_FILE: &[u8] = embed!("hair/scalp.png");
 
+/// The shirt.
+pub(crate) const SHIRT_FILE: &[u8] = embed!("clothes/shirt.obj");
+
 /// Scans of the built-in subjects.
 pub(crate) const SUBJECT_FILES: &[(&str, &[u8])] = embed_all! {
     "amara.glb" => "subjects/amara.glb",

@@ -5,6 +5,7 @@
 //! The crate owns no thread pool, no clock and no global random state. Read [`mesh`] first, then [`reference`].
 
 pub mod builtin;
+pub mod clothes;
 pub mod color;
 pub mod grid;
 pub mod hair;

@@ -70,6 +70,8 @@ segments! {
     Lashes = 22, "lashes";
     /// Hair of the head.
     Hair = 23, "hair";
+    /// Clothes on the shoulders.
+    Clothes = 24, "clothes";
     /// Frame of glasses.
     GlassesFrame = 30, "glasses_frame";
     /// Lenses of glasses.

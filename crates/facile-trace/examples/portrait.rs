@@ -5,6 +5,7 @@
 use std::path::PathBuf;
 
 use facile_core::{Plane, Point3, ReferenceHead, Subject, Vector3};
+use facile_trace::clothes::ShirtFit;
 use facile_trace::hair::{Hair, HairFit, LashFit};
 use facile_trace::math::Rgb;
 use facile_trace::{Camera, HeadScene, LightSource, RenderSettings, png_file, trace_view};
@@ -45,6 +46,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         subject = facile_core::IdentityModel::embedded().sample(reference, *seed, *index)?;
     }
     let mut head = HeadScene::new(reference, &subject, Rgb::new(0.13, 0.15, 0.18))?;
+    head.add_shirt(
+        reference,
+        &subject,
+        &ShirtFit::new(reference),
+        [70, 92, 120],
+    )?;
     head.add_lashes(&LashFit::new(reference)?.into(), &subject.positions)?;
     if let (Some(style), &[r, g, b]) = (hair, &color[..]) {
         let fit = HairFit::new(reference, &style)?;

@@ -179,6 +179,15 @@ impl Camera {
         })
     }
 
+    /// Where something infinitely far in a direction of the world appears, px. `None` beside and behind the camera.
+    pub(crate) fn px_of_direction(&self, direction: Vec3) -> Option<[f32; 2]> {
+        let d = self.camera_from_world * direction.cast::<f64>();
+        (d.z > 1e-3 * d.norm()).then(|| {
+            let image = self.intrinsics * d;
+            [(image.x / d.z) as f32, (image.y / d.z) as f32]
+        })
+    }
+
     /// Whether an image position lies in the image.
     pub fn contains_px(&self, [x, y]: [f64; 2]) -> bool {
         x >= 0.0 && y >= 0.0 && x < self.width as f64 && y < self.height as f64

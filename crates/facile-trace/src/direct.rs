@@ -8,7 +8,7 @@ use crate::math::{Rgb, power};
 use crate::microfacets;
 use crate::packet::RayBlock;
 use crate::strands;
-use crate::surface::SurfaceBlock;
+use crate::surface::{SurfaceBlock, lane};
 
 /// A shadow ray on its way: whose light it carries, and how much if nothing is in between.
 #[derive(Clone, Copy, Debug)]
@@ -199,7 +199,7 @@ fn arrivals<L: Lanes>(light: &Light, points: V3<L>) -> Option<Arrivals<L>> {
             power: V3::splat((*power).into()),
             any: L::Mask::from_bits(0xFF),
         }),
-        Light::Ambient { .. } => None,
+        Light::Ambient { .. } | Light::Harmonic { .. } => None,
     }
 }
 
@@ -248,6 +248,28 @@ fn whole_power<L: Lanes>(x: L, n: u32) -> L {
         rest >>= 1;
     }
     result
+}
+
+/// Adds the part of ambient light that is not linear in the normal: nothing for most scenes, so a pass of its own.
+pub(crate) struct Bend<'a> {
+    pub(crate) sum: AmbientSum,
+    pub(crate) surfaces: &'a [SurfaceBlock],
+    pub(crate) colors: &'a mut [Rgb],
+}
+
+impl Kernel for Bend<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        for (block, colors) in self.surfaces.iter().zip(self.colors.chunks_mut(LANES)) {
+            for k in lanes_of(block.hit & (0xFF >> (LANES - colors.len()))) {
+                let share = block.weight.0[k] * block.exposure.0[k];
+                let light = self.sum.bend_on(lane(&block.normal, k));
+                colors[k] += lane(&block.albedo, k).component_mul(&light) * share;
+            }
+        }
+    }
 }
 
 /// Sets colours to the light of all ambient sources, and to the background where nothing is hit.

@@ -6,8 +6,9 @@ use facile_core::{Eye, Isometry3, Point3, ReferenceHead, Segment, Similarity3, S
 use nalgebra::{Translation3, UnitQuaternion};
 
 use crate::TraceError;
+use crate::clothes::ShirtFit;
 use crate::geometry::Normals;
-use crate::hair::{Hair, HairFit, LashFit, toned_scalp};
+use crate::hair::{self, Hair, HairFit, LashFit, toned_scalp};
 use crate::material::{Albedo, Material};
 use crate::math::{Pose, Rgb, Vec3, pose_from_isometry, vec3_from_point};
 use crate::object::{Object, SegmentCap};
@@ -33,8 +34,19 @@ pub struct HeadScene {
     eyes: [Eye; 2],
     /// Number of objects of the head, hair and lashes included.
     parts: usize,
+    hair: Option<WornHair>,
     /// What moves the lashes, and their index in the scene.
     lashes: Option<(Arc<LashFit>, usize)>,
+}
+
+/// Hair of a head.
+#[derive(Clone, Debug)]
+struct WornHair {
+    /// Index in the scene.
+    index: usize,
+    /// Its vertices when nothing is worn over it, mm.
+    rest: Vec<Point3>,
+    is_pressed: bool,
 }
 
 impl HeadScene {
@@ -94,6 +106,7 @@ impl HeadScene {
         }
         let mut head = Self {
             parts: scene.objects().len(),
+            hair: None,
             lashes: None,
             scene,
             eyes: subject.eyes,
@@ -130,7 +143,7 @@ impl HeadScene {
         fit: &HairFit,
         hair: &Hair,
     ) -> Result<(), TraceError> {
-        self.remove_added();
+        self.remove_added()?;
         let skin = &self.scene.objects()[Self::SKIN];
         let object = fit.object(reference, subject, skin, hair.color)?;
         let color = hair
@@ -142,9 +155,48 @@ impl HeadScene {
                 texture.clone_from(&toned);
             }
         }
+        let rest = object.geometry().positions().iter();
+        let rest = rest.map(|p| Point3::from(p.cast::<f64>())).collect();
+        let index = self.scene.add(object);
+        self.hair = Some(WornHair {
+            index,
+            rest,
+            is_pressed: false,
+        });
+        self.parts = self.scene.objects().len();
+        Ok(())
+    }
+
+    /// Puts a shirt on, in an 8-bit sRGB colour. Comes before anything is put in front of the head.
+    ///
+    /// # Errors
+    /// As [`ShirtFit::object`].
+    pub fn add_shirt(
+        &mut self,
+        reference: &ReferenceHead,
+        subject: &Subject,
+        fit: &ShirtFit,
+        color: [u8; 3],
+    ) -> Result<(), TraceError> {
+        self.remove_added()?;
+        let skin = &self.scene.objects()[Self::SKIN];
+        let object = fit.object(reference, subject, skin, color)?;
         self.scene.add(object);
         self.parts = self.scene.objects().len();
         Ok(())
+    }
+
+    /// Presses the hair under something worn over it: the scene's object `worn`, such as a cap.
+    ///
+    /// # Errors
+    /// As [`Object::set_positions`].
+    pub fn press_hair(&mut self, worn: usize) -> Result<(), TraceError> {
+        let Some(hair) = &mut self.hair else {
+            return Ok(());
+        };
+        let pressed = hair::pressed(&hair.rest, &self.scene.objects()[worn]);
+        hair.is_pressed = true;
+        hair::set_positions(&mut self.scene.objects_mut()[hair.index], &pressed)
     }
 
     /// Puts lashes on the lids of a face given by its fine vertices, mm. Comes before anything is put in front of the head.
@@ -156,7 +208,7 @@ impl HeadScene {
         fit: &Arc<LashFit>,
         positions: &[Point3],
     ) -> Result<(), TraceError> {
-        self.remove_added();
+        self.remove_added()?;
         let index = self.scene.add(fit.object(positions)?);
         self.lashes = Some((fit.clone(), index));
         self.parts = self.scene.objects().len();
@@ -164,8 +216,16 @@ impl HeadScene {
     }
 
     /// Removes everything that was added behind the head's own parts.
-    pub fn remove_added(&mut self) {
+    ///
+    /// # Errors
+    /// None in practice: hair goes back to where it was.
+    pub fn remove_added(&mut self) -> Result<(), TraceError> {
         self.scene.truncate(self.parts);
+        if let Some(hair) = self.hair.as_mut().filter(|h| h.is_pressed) {
+            hair.is_pressed = false;
+            hair::set_positions(&mut self.scene.objects_mut()[hair.index], &hair.rest)?;
+        }
+        Ok(())
     }
 
     /// Turns the left and the right eye.
@@ -254,6 +314,18 @@ fn part(reference: &ReferenceHead, segment: Segment) -> Result<&facile_core::Par
         })
 }
 
+/// A wet eyeball in the shade of lids and lashes: the white of an eye is not white.
+fn eye_material(texture: &Arc<Texture>) -> Material {
+    Material {
+        albedo: Albedo::Texture {
+            texture: texture.clone(),
+            tint: Rgb::new(0.8, 0.75, 0.73),
+        },
+        exposure: 0.7,
+        ..Material::wet(texture.clone())
+    }
+}
+
 /// An eyeball about its own centre, so that a pose turns it.
 fn eye_object(
     reference: &ReferenceHead,
@@ -274,7 +346,7 @@ fn eye_object(
         cos_angle: (1.0 - IRIS_RADIUS_SHARE * IRIS_RADIUS_SHARE).sqrt(),
         segment: iris,
     };
-    Ok(Object::new(&mesh, Normals::Smooth, Material::wet(texture.clone()))?.with_cap(cap))
+    Ok(Object::new(&mesh, Normals::Smooth, eye_material(texture))?.with_cap(cap))
 }
 
 fn mouth_object(

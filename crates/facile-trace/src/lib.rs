@@ -7,9 +7,12 @@
 //!
 //! Read [`view`] first, then [`material`], [`bvh`] and [`triangle`].
 
+pub mod backdrop;
 pub mod bvh;
 pub mod camera;
+pub mod clothes;
 pub mod cutout;
+pub mod environment;
 pub mod geometry;
 pub mod hair;
 pub mod head;
@@ -50,8 +53,10 @@ pub mod subsurface;
 mod surface;
 mod whitted;
 
+pub use backdrop::Backdrop;
 pub use camera::Camera;
 pub use cutout::Cutout;
+pub use environment::EnvironmentMap;
 pub use error::TraceError;
 pub use gbuffer::{GBuffer, Occlusion, Truth};
 pub use geometry::{Geometry, Normals};

@@ -3,10 +3,15 @@
 //! A source of intensity 1 at 1,000 mm lights a white diffuse surface that faces it to 1.0 (point and spot fall off with
 //! the square of the distance); directional and ambient sources light it to their intensity, at any distance.
 
+use std::sync::Arc;
+
+use nalgebra::Matrix3;
 use serde::{Deserialize, Serialize};
 
 use crate::TraceError;
+use crate::backdrop::turned;
 use crate::camera::Camera;
+use crate::environment::EnvironmentMap;
 use crate::math::{Rgb, Vec3, unit_or, vec3_from_point};
 use crate::sampling::lattice_offsets;
 
@@ -31,7 +36,7 @@ fn white() -> [f32; 3] {
 }
 
 /// A light as recipes and scene files give it.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
 pub enum LightSource {
     /// A point that shines in all directions.
@@ -120,6 +125,43 @@ pub enum LightSource {
         #[serde(default)]
         attach: Attach,
     },
+    /// Light that changes smoothly with direction, without shadows: nine numbers a channel.
+    SphericalHarmonic {
+        /// Factor on all coefficients.
+        intensity: f32,
+        /// What a white surface of unit normal `n` gets, linear RGB: the constant, then the factors of `x, y, z, xy, yz, zx,
+        /// 3 z^2 - 1, x^2 - y^2` of `n`. Their sum is cut at 0.
+        coefficients: [[f32; 3]; 9],
+        /// Turn about the head's vertical axis, to the subject's left, degrees.
+        #[serde(default)]
+        turn_deg: f32,
+    },
+    /// A picture of the surroundings that shines from all directions.
+    Environment {
+        /// The picture's file, for records.
+        file: String,
+        /// The picture; loaded by who reads the file's name.
+        #[serde(skip)]
+        map: Option<Arc<EnvironmentMap>>,
+        /// Factor on the picture's light.
+        intensity: f32,
+        /// Linear RGB, white by default.
+        #[serde(default = "white")]
+        color: [f32; 3],
+        /// Turn of the surroundings about the head's vertical axis, to the subject's left, degrees.
+        #[serde(default)]
+        turn_deg: f32,
+        /// Lamps that stand for the picture, each with its shadows; 32 by default. 0 for smooth light without shadows.
+        #[serde(default = "environment_samples")]
+        samples: u32,
+    },
+}
+
+/// Lamps of an environment at most.
+pub const MAX_ENVIRONMENT_SAMPLES: u32 = 1024;
+
+fn environment_samples() -> u32 {
+    32
 }
 
 /// Points of an area light at most.
@@ -164,13 +206,19 @@ pub(crate) enum Light {
         slope: Rgb,
         up: Vec3,
     },
+    /// Light without shadows by nine functions of the normal, turned about `y` by `turn`.
+    Harmonic {
+        coefficients: [[f32; 3]; 9],
+        turn: f32,
+    },
 }
 
-/// All light without shadows: channel `k` of what a surface of unit normal `n` gets is `even[k] + slope[k] . n`.
+/// All light without shadows: channel `k` of what a surface of unit normal `n` gets is `even[k] + slope[k] . n + n . bend[k] n`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct AmbientSum {
     pub(crate) even: Rgb,
     pub(crate) slope: [Vec3; 3],
+    pub(crate) bend: [Matrix3<f32>; 3],
 }
 
 impl AmbientSum {
@@ -183,13 +231,39 @@ impl AmbientSum {
                     sum.slope[k] += up * slope[k];
                 }
             }
+            if let Light::Harmonic { coefficients, turn } = light {
+                sum.add_harmonics(coefficients, *turn);
+            }
         }
         sum
     }
 
     /// What a surface gets.
     pub(crate) fn on(&self, normal: Vec3) -> Rgb {
+        self.on_without_bend(normal) + self.bend_on(normal)
+    }
+
+    /// The part that is linear in the normal.
+    pub(crate) fn on_without_bend(&self, normal: Vec3) -> Rgb {
         Rgb::from_fn(|k, _| self.even[k] + self.slope[k].dot(&normal))
+    }
+
+    /// The rest, cut where the sum would be negative.
+    pub(crate) fn bend_on(&self, normal: Vec3) -> Rgb {
+        let bend = Rgb::from_fn(|k, _| normal.dot(&(self.bend[k] * normal)));
+        bend.sup(&-self.on_without_bend(normal))
+    }
+
+    fn add_harmonics(&mut self, c: &[[f32; 3]; 9], turn: f32) {
+        let axes = [Vec3::x(), Vec3::y(), Vec3::z()].map(|axis| turned(axis, turn));
+        let world = Matrix3::from_columns(&axes);
+        for k in 0..3 {
+            let [xy, yz, zx] = [c[4][k] / 2.0, c[5][k] / 2.0, c[6][k] / 2.0];
+            let bend = Matrix3::new(c[8][k], xy, zx, xy, -c[8][k], yz, zx, yz, 3.0 * c[7][k]);
+            self.even[k] += c[0][k] - c[7][k];
+            self.slope[k] += world * Vec3::new(c[1][k], c[2][k], c[3][k]);
+            self.bend[k] += world * bend * world.transpose();
+        }
     }
 }
 
@@ -210,10 +284,81 @@ impl LightSource {
         lights: &mut Vec<Light>,
         camera: &Camera,
     ) -> Result<(), TraceError> {
-        if let Self::Area { .. } = self {
-            return self.add_patches(lights, camera);
+        match self {
+            Self::Area { .. } => return self.add_patches(lights, camera),
+            Self::Environment { .. } => return self.add_environment(lights),
+            Self::SphericalHarmonic { .. } => lights.push(self.harmonic()?),
+            _ => lights.push(self.in_world(camera)?),
         }
-        lights.push(self.in_world(camera)?);
+        Ok(())
+    }
+
+    fn harmonic(&self) -> Result<Light, TraceError> {
+        let Self::SphericalHarmonic {
+            intensity,
+            coefficients,
+            turn_deg,
+        } = self
+        else {
+            return Err(unexpected());
+        };
+        let scaled = coefficients.map(|c| c.map(|v| v * intensity));
+        if !scaled.iter().flatten().all(|v| v.is_finite()) || !turn_deg.is_finite() {
+            return Err(TraceError::Setting {
+                name: "spherical harmonic intensity and coefficients",
+                expected: "finite numbers",
+                got: format!("{intensity} and {coefficients:?}"),
+            });
+        }
+        Ok(Light::Harmonic {
+            coefficients: scaled,
+            turn: turn_deg.to_radians(),
+        })
+    }
+
+    /// An environment as lamps far away, or as smooth light.
+    fn add_environment(&self, lights: &mut Vec<Light>) -> Result<(), TraceError> {
+        let Self::Environment {
+            file,
+            map,
+            intensity,
+            color,
+            turn_deg,
+            samples,
+        } = self
+        else {
+            return Err(unexpected());
+        };
+        let gain = Rgb::from(*color) * *intensity;
+        let is_gain = gain.iter().all(|v| v.is_finite() && *v >= 0.0);
+        if !is_gain || !turn_deg.is_finite() || *samples > MAX_ENVIRONMENT_SAMPLES {
+            return Err(TraceError::Setting {
+                name: "environment intensity, color, turn_deg and samples",
+                expected: "finite numbers of at least 0, a finite turn and at most 1024 samples",
+                got: format!("{intensity}, {color:?}, {turn_deg} and {samples}"),
+            });
+        }
+        let Some(map) = map else {
+            return Err(TraceError::Setting {
+                name: "environment file",
+                expected: "a picture that was loaded",
+                got: file.clone(),
+            });
+        };
+        let turn = turn_deg.to_radians();
+        if *samples == 0 {
+            let coefficients = map.harmonics().map(|c| {
+                let c = Rgb::from(c).component_mul(&gain);
+                [c.x, c.y, c.z]
+            });
+            lights.push(Light::Harmonic { coefficients, turn });
+            return Ok(());
+        }
+        let patches = map.patches(*samples as usize).into_iter();
+        lights.extend(patches.map(|patch| Light::Directional {
+            towards: unit_or(turned(patch.towards, turn), Vec3::y()),
+            power: patch.power.component_mul(&gain),
+        }));
         Ok(())
     }
 
@@ -280,7 +425,10 @@ impl LightSource {
         | Self::Hemisphere {
             intensity, color, ..
         }
-        | Self::Ambient { intensity, color }) = *self;
+        | Self::Ambient { intensity, color }) = *self
+        else {
+            return Err(unexpected());
+        };
         let power = Rgb::from(color) * intensity;
         if !power.iter().all(|v| v.is_finite() && *v >= 0.0) {
             let got = format!("{intensity} and {color:?}");
@@ -354,7 +502,17 @@ impl LightSource {
                     up: Vec3::y(),
                 }
             }
+            Self::SphericalHarmonic { .. } | Self::Environment { .. } => return Err(unexpected()),
         })
+    }
+}
+
+/// A source that another function turns into lights: our own mistake, not the user's.
+fn unexpected() -> TraceError {
+    TraceError::Setting {
+        name: "light source",
+        expected: "a single lamp",
+        got: "light from all around".to_owned(),
     }
 }
 
@@ -443,7 +601,7 @@ impl Light {
                 direction: towards,
                 power,
             }),
-            Self::Ambient { .. } => None,
+            Self::Ambient { .. } | Self::Harmonic { .. } => None,
         }
     }
 
@@ -453,7 +611,7 @@ impl Light {
             Self::Point { position, .. }
             | Self::Spot { position, .. }
             | Self::Patch { position, .. } => Some(position),
-            Self::Directional { .. } | Self::Ambient { .. } => None,
+            Self::Directional { .. } | Self::Ambient { .. } | Self::Harmonic { .. } => None,
         }
     }
 }

@@ -14,7 +14,10 @@ impl Shader<'_> {
     /// Light that comes back along a ray.
     pub(crate) fn radiance(&self, ray: &Ray, depth: u32) -> Rgb {
         let Some(hit) = self.scene.closest_hit(ray, Layer::All) else {
-            return self.scene.background;
+            return match &self.scene.backdrop {
+                Some(backdrop) => backdrop.color(self.camera, ray.direction),
+                None => self.scene.background,
+            };
         };
         let point = Interaction::new(self.scene, ray, &hit);
         let material = point.object.material(point.triangle);
@@ -34,8 +37,16 @@ impl Shader<'_> {
     }
 
     fn ambient(&self, point: &Interaction<'_>, material: &Material, weight: f32) -> Rgb {
-        let light = AmbientSum::of(self.lights).on(point.normal);
-        point.albedo.component_mul(&light) * (weight * material.exposure)
+        let sum = AmbientSum::of(self.lights);
+        let share = weight * material.exposure;
+        let mut color = point
+            .albedo
+            .component_mul(&sum.on_without_bend(point.normal))
+            * share;
+        if sum.bend != AmbientSum::default().bend {
+            color += point.albedo.component_mul(&sum.bend_on(point.normal)) * share;
+        }
+        color
     }
 
     /// What a light gives if nothing is in between, and the ray that finds out. `None` if the surface faces away.
@@ -141,7 +152,7 @@ mod tests {
     use crate::math::Pose;
     use crate::surface;
     use crate::whitted::{Samples, ShadeScratch};
-    use crate::{Camera, Normals, Object, Scene};
+    use crate::{Backdrop, Camera, Normals, Object, Scene};
     use approx::assert_relative_eq;
     use facile_core::{Mesh, Point3, Texture, Vector3};
     use std::sync::Arc;
@@ -220,6 +231,10 @@ mod tests {
             (Material::mirror(), [-80.0, 50.0, -30.0], 40.0),
         ];
         let mut scene = Scene::new(Rgb::new(0.1, 0.2, 0.3));
+        scene.backdrop = Some(Backdrop::Gradient {
+            top: Rgb::new(0.1, 0.2, 0.3),
+            bottom: Rgb::new(0.5, 0.4, 0.1),
+        });
         for (material, place, radius) in places {
             let mut object = Object::new(&ball(radius), Normals::Smooth, material).expect("valid");
             let pose = Pose::new(Vec3::from(place), Vec3::new(0.1, 0.2, 0.0));
@@ -254,6 +269,7 @@ mod tests {
             "kind = 'area'\nposition = [-200, 100, 400]\ntarget = [0, 0, 0]\nsize = [90, 50]\nintensity = 0.1\nsamples = 5",
             "kind = 'spot'\nposition = [0, 300, 300]\ntarget = [0, 0, 0]\nangle_deg = 20\nsoftness = 0.5\nintensity = 0.2",
             "kind = 'directional'\ndirection = [1, -1, -1]\nintensity = 0.2",
+            "kind = 'spherical_harmonic'\nintensity = 0.1\ncoefficients = [[0.5,0.4,0.3],[0.1,0,0],[0,0.2,0.1],[0,0,0.1],[0.1,0.1,0],[0,0.1,0],[0.05,0,0],[0.02,0.03,0.01],[0,0.02,0.04]]",
         ];
         let mut lights = Vec::new();
         for text in texts {
@@ -262,6 +278,7 @@ mod tests {
         }
         let shader = Shader {
             scene: &scene,
+            camera: &camera,
             lights: &lights,
             max_depth: 4,
             offset: 0.05,

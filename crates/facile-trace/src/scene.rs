@@ -1,5 +1,6 @@
 //! A scene: objects and a background, and the ray queries over all of them.
 
+use crate::backdrop::Backdrop;
 use crate::math::{Rgb, Vec3};
 use crate::object::Object;
 use crate::ray::{Hit, Ray};
@@ -25,6 +26,8 @@ pub struct Scene {
     objects: Vec<Object>,
     /// Linear RGB where no ray hits.
     pub background: Rgb,
+    /// What is seen there instead.
+    pub backdrop: Option<Backdrop>,
 }
 
 impl Scene {
@@ -33,6 +36,7 @@ impl Scene {
         Self {
             objects: Vec::new(),
             background,
+            backdrop: None,
         }
     }
 

@@ -76,7 +76,7 @@ pub(crate) fn image_of(light: &Light, blocks: &[RayBlock], count: usize) -> Opti
         | Light::Spot { position, .. }
         | Light::Patch { position, .. } => Projection::through(*position, min, max),
         Light::Directional { towards, .. } => Projection::along(-towards, min, max),
-        Light::Ambient { .. } => None,
+        Light::Ambient { .. } | Light::Harmonic { .. } => None,
     }?;
     image.is_in_front((min, max)).then_some(image)
 }

@@ -272,6 +272,7 @@ impl View {
         }
         let shader = Shader {
             scene,
+            camera: &self.camera,
             lights: &lights,
             max_depth: self.settings.max_depth,
             offset: self.settings.offset_mm,
@@ -279,7 +280,15 @@ impl View {
         let start = Instant::now();
         let mut scratch = BatchScratch::default();
         let (width, height) = (self.camera.width(), self.camera.height());
-        let mut color = Plane::filled(width, height, scene.background);
+        let mut color = match &scene.backdrop {
+            None => Plane::filled(width, height, scene.background),
+            Some(backdrop) => Plane::from_fn(width, height, |x, y| {
+                let direction = self
+                    .camera
+                    .direction(sample_px([x as u32, y as u32], CENTER));
+                backdrop.color(&self.camera, direction.into())
+            }),
+        };
         let mut shadow = None;
         let mut spread = Vec::new();
         let is_dense = matches!(self.settings.samples, Samples::Count(2..));

@@ -8,7 +8,8 @@
 
 use std::time::{Duration, Instant};
 
-use crate::direct::{Ambient, Gather, PendingShadows};
+use crate::camera::Camera;
+use crate::direct::{Ambient, Bend, Gather, PendingShadows};
 use crate::interaction::Interaction;
 use crate::lanes::{LANES, lanes_of, run};
 use crate::light::{AmbientSum, Light};
@@ -21,6 +22,8 @@ use crate::surface::{self, SurfaceBlock};
 /// A scene under lights, ready to shade.
 pub(crate) struct Shader<'a> {
     pub(crate) scene: &'a Scene,
+    /// Where the backdrop is seen from.
+    pub(crate) camera: &'a Camera,
     pub(crate) lights: &'a [Light],
     /// Mirror and refraction rays in a chain at most.
     pub(crate) max_depth: u32,
@@ -133,12 +136,28 @@ impl Shader<'_> {
 
     /// Sets the colours to the light that needs no shadow ray.
     fn shade_unshadowed(&self, samples: Samples<'_>, colors: &mut [Rgb]) {
+        let sum = AmbientSum::of(self.lights);
         run(Ambient {
-            sum: AmbientSum::of(self.lights),
+            sum,
             background: self.scene.background,
             surfaces: samples.surfaces,
-            colors,
+            colors: &mut *colors,
         });
+        if sum.bend != AmbientSum::default().bend {
+            run(Bend {
+                sum,
+                surfaces: samples.surfaces,
+                colors: &mut *colors,
+            });
+        }
+        let Some(backdrop) = &self.scene.backdrop else {
+            return;
+        };
+        for ((hit, direction), color) in samples.hits.iter().zip(samples.directions).zip(colors) {
+            if !hit.is_some() {
+                *color = backdrop.color(self.camera, Vec3::from(*direction));
+            }
+        }
     }
 
     /// Adds what comes by mirror reflection and through surfaces: all rays of one bounce together, which are shaded as

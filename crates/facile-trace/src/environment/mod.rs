@@ -67,10 +67,22 @@ impl EnvironmentMap {
         })
     }
 
+    /// Size and texels, for hashes.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let size = [self.width as u32, self.height as u32];
+        let size = size.iter().flat_map(|v| v.to_le_bytes());
+        let texels = self.texels.iter().flatten();
+        size.chain(texels.flat_map(|v| v.to_le_bytes())).collect()
+    }
+
     /// Light from a direction of any length, bilinear.
     pub fn light(&self, direction: Vec3) -> Rgb {
         let length = direction.norm();
-        let up = if length > 0.0 { direction.y / length } else { 0.0 };
+        let up = if length > 0.0 {
+            direction.y / length
+        } else {
+            0.0
+        };
         let turn = libm::atan2f(direction.x, -direction.z);
         let u = 0.5 + turn / std::f32::consts::TAU;
         let v = libm::acosf(up.clamp(-1.0, 1.0)) / std::f32::consts::PI;
@@ -121,10 +133,7 @@ impl EnvironmentMap {
             regions[i] = first;
             regions.push(second);
         }
-        regions
-            .iter()
-            .filter_map(|r| self.patch(r))
-            .collect()
+        regions.iter().filter_map(|r| self.patch(r)).collect()
     }
 
     /// Irradiance of nine harmonics, over pi: of a surface of unit normal `n` it is the constant, then
@@ -301,7 +310,10 @@ mod tests {
     fn normals() -> impl Iterator<Item = Vec3> {
         (0..24).map(|i| {
             let t = i as f32;
-            crate::math::unit_or(Vec3::new((t * 1.7).sin(), (t * 0.9).cos(), (t * 2.3).sin()), Vec3::y())
+            crate::math::unit_or(
+                Vec3::new((t * 1.7).sin(), (t * 0.9).cos(), (t * 2.3).sin()),
+                Vec3::y(),
+            )
         })
     }
 
@@ -330,7 +342,9 @@ mod tests {
             assert!((total - 4.0 * map.mean().x).abs() < 1e-3 * total, "{total}");
             normals()
                 .map(|n| {
-                    let lamps = patches.iter().map(|p| p.towards.dot(&n).max(0.0) * p.power.x);
+                    let lamps = patches
+                        .iter()
+                        .map(|p| p.towards.dot(&n).max(0.0) * p.power.x);
                     (f64::from(lamps.sum::<f32>()) - irradiance(&map, n)).abs()
                 })
                 .fold(0.0, f64::max)
@@ -343,7 +357,9 @@ mod tests {
 
     #[test]
     fn nine_harmonics_give_smooth_light() {
-        let map = map(96, 48, |[x, y, z]| [(1.0 + 0.5 * y + 0.3 * x * z + 0.2 * z * z) as f32; 3]);
+        let map = map(96, 48, |[x, y, z]| {
+            [(1.0 + 0.5 * y + 0.3 * x * z + 0.2 * z * z) as f32; 3]
+        });
         let c = map.harmonics();
         for n in normals() {
             let b = basis([n.x, n.y, n.z].map(f64::from));

@@ -25,12 +25,14 @@ pub use lashes::LashFit;
 pub use scalp::toned_scalp;
 
 /// Vertices of the head that a vertex of hair follows.
-const ANCHORS: usize = 24;
+pub(crate) const ANCHORS: usize = 24;
 /// Hair follows the head within this distance, mm, and within this share of its own distance from the head.
 const REACH_MM: f64 = 6.0;
 const REACH_SHARE: f64 = 0.35;
 /// Least distance of cards from the skin, mm, unless they are closer on the reference head.
 const CLEARANCE_MM: f64 = 1.2;
+/// How far under what is worn over it hair lies, mm.
+const UNDER_MM: f64 = 0.9;
 /// How far outside the head probes start, mm.
 const OUTSIDE_MM: f64 = 400.0;
 /// Share of ambient light that hair gets: fibres hide the sky from each other.
@@ -136,7 +138,7 @@ impl HairFit {
 }
 
 /// A point at least `gap` mm outside the skin.
-fn pushed_out(p: Point3, gap: f64, skin: &Object) -> Point3 {
+pub(crate) fn pushed_out(p: Point3, gap: f64, skin: &Object) -> Point3 {
     let ray = Outwards::to(&p);
     match ray.gap(skin) {
         Some(found) if found < gap => p + ray.out * (gap - found),
@@ -144,8 +146,36 @@ fn pushed_out(p: Point3, gap: f64, skin: &Object) -> Point3 {
     }
 }
 
+/// Vertices of hair pressed under a surface worn over it: those beyond it on the ray from the middle of the head come in.
+pub(crate) fn pressed(rest: &[Point3], worn: &Object) -> Vec<Point3> {
+    let press = |p: &Point3| {
+        let ray = Outwards::to(p);
+        let distance = (p - ray.middle).norm();
+        let outwards = Ray::new(vec3_from_point(&ray.middle), vec3_from_vector(&ray.out));
+        match worn.closest_hit(&worn.ray_in_object(&outwards)) {
+            Some(hit) if f64::from(hit.t) - UNDER_MM < distance => {
+                ray.middle + ray.out * (f64::from(hit.t) - UNDER_MM)
+            }
+            _ => *p,
+        }
+    };
+    rest.iter().map(press).collect()
+}
+
+/// Moves the vertices of hair, whose normals stay those of a volume.
+pub(crate) fn set_positions(hair: &mut Object, positions: &[Point3]) -> Result<(), TraceError> {
+    hair.set_positions(positions)?;
+    let mesh = Mesh {
+        positions: positions.to_vec(),
+        triangles: hair.geometry().triangles().to_vec(),
+        ..Mesh::default()
+    };
+    hair.geometry.set_normals(volume_normals(&mesh))
+}
+
 /// The way from the middle of the head to a point.
 struct Outwards {
+    middle: Point3,
     p: Point3,
     out: Vector3,
 }
@@ -153,9 +183,9 @@ struct Outwards {
 impl Outwards {
     fn to(p: &Point3) -> Self {
         // A segment through the middle of head and neck
-        let middle = Point3::new(0.0, p.y.clamp(-60.0, 60.0), -14.0);
+        let middle = Point3::new(0.0, p.y.clamp(-150.0, 60.0), -14.0);
         let out = (p - middle).try_normalize(1e-6).unwrap_or_else(Vector3::z);
-        Self { p: *p, out }
+        Self { middle, p: *p, out }
     }
 
     /// Signed distance of the point from the outermost skin, ears left out, mm. `None` where there is none.
@@ -176,7 +206,7 @@ impl Outwards {
 }
 
 /// Cage vertices of the outer skin, with their places.
-fn outer_vertices(reference: &ReferenceHead) -> Vec<(u32, Point3)> {
+pub(crate) fn outer_vertices(reference: &ReferenceHead) -> Vec<(u32, Point3)> {
     let mesh = &reference.mesh;
     let mut is_outer = vec![false; reference.cage.positions.len()];
     for (triangle, segment) in mesh.triangles.iter().zip(&mesh.segments) {
@@ -198,7 +228,7 @@ fn outer_vertices(reference: &ReferenceHead) -> Vec<(u32, Point3)> {
 }
 
 /// What a point follows, weights summing to 1.
-fn anchors(p: &Point3, candidates: &[(u32, Point3)]) -> [(u32, f64); ANCHORS] {
+pub(crate) fn anchors(p: &Point3, candidates: &[(u32, Point3)]) -> [(u32, f64); ANCHORS] {
     let mut near: Vec<(f64, u32)> = candidates
         .iter()
         .map(|(v, q)| ((p - q).norm_squared(), *v))

@@ -1,40 +1,13 @@
-//! Cloth over a head: surgical mask, scarf, cap.
+//! Cloth over a head: surgical mask, scarf, cap, hat, head band.
 //!
 //! A sheet of rays from inside the head meets its surface; the cloth is the tightest membrane outside those points: relaxed
 //! towards the mean of its neighbours, never under the surface plus its clearance.
 
 use facile_core::{Mesh, Point3, Segment, Vector3};
-use serde::{Deserialize, Serialize};
 
+use super::Prop;
 use super::fit::FaceFit;
 use super::sweep::add_tube;
-use crate::TraceError;
-use crate::geometry::Normals;
-use crate::material::{Albedo, Material};
-use crate::math::Rgb;
-use crate::object::Object;
-
-/// What the cloth is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum DrapeKind {
-    /// Over nose, mouth and chin, with loops around the ears.
-    SurgicalMask,
-    /// Around neck, chin and mouth.
-    Scarf,
-    /// Over the skull, with a brim over the forehead.
-    Cap,
-}
-
-/// A piece of cloth.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Drape {
-    /// What it is.
-    pub kind: DrapeKind,
-    /// 8-bit sRGB colour.
-    pub color: [u8; 3],
-}
 
 /// Rounds of relaxation; the membrane's waves are then below 0.1 mm.
 const RELAXATIONS: usize = 400;
@@ -150,43 +123,33 @@ fn blend(a: f64, b: f64, share: f64) -> f64 {
     a + (b - a) * share
 }
 
-impl Drape {
-    /// The cloth for a head, ready to be added to its scene.
-    ///
-    /// # Errors
-    /// As [`Object::new`].
-    pub fn object(&self, fit: &FaceFit<'_>) -> Result<Object, TraceError> {
-        let color = self
-            .color
-            .map(|v| facile_core::color::LINEAR_FROM_SRGB8[usize::from(v)]);
-        let cloth = Material {
-            albedo: Albedo::Constant(Rgb::from(color)),
-            ..Material::default()
-        };
-        Ok(Object::new(&self.mesh(fit), Normals::Smooth, cloth)?.as_occluder())
-    }
-
-    /// The cloth for a head, mm, head frame.
-    pub fn mesh(&self, fit: &FaceFit<'_>) -> Mesh {
-        match self.kind {
-            DrapeKind::SurgicalMask => mask(fit),
-            DrapeKind::Scarf => scarf(fit),
-            DrapeKind::Cap => cap(fit),
-        }
-    }
-}
-
-fn mask(fit: &FaceFit<'_>) -> Mesh {
+pub(super) fn mask(style: &Prop, fit: &FaceFit<'_>) -> Mesh {
     let scale = fit.half_eye_distance() / 29.0;
     let (bridge, tip, chin) = (fit.landmark(28).y, fit.landmark(30).y, fit.landmark(8).y);
     let corners = fit.landmark(48).y.midpoint(fit.landmark(54).y);
-    let half_angle = 1.15;
-    let sheet = Membrane::over(fit, [49, 33], false, 2.0, |s, t| {
+    let half_angle = 1.15 * (0.5 + 0.5 * style.size);
+    let (middle, half) = (f64::midpoint(bridge, chin), style.size);
+    let stretched = |y: f64| middle + (y - middle) * half + style.y_mm;
+    let mut sheet = Membrane::over(fit, [49, 61], false, 2.0, |s, t| {
         let side = s * s;
-        let top = blend(bridge, tip + 4.0 * scale, side);
-        let bottom = blend(chin - 7.0 * scale, corners - 4.0 * scale, side);
+        let top = stretched(blend(bridge, tip + 4.0 * scale, side));
+        let bottom = stretched(blend(chin - 7.0 * scale, corners - 4.0 * scale, side));
         around(blend(top, bottom, t), s * half_angle)
     });
+    // Three pleats, open in the middle and shut at the loops
+    for row in 0..sheet.rows {
+        let t = row as f64 / (sheet.rows - 1) as f64;
+        for column in 0..sheet.columns {
+            let s = 2.0 * column as f64 / (sheet.columns - 1) as f64 - 1.0;
+            let along = (t - 0.18) / 0.64;
+            if (0.0..1.0).contains(&along) {
+                let fold = (along * 3.0).fract();
+                let depth = 1.3 * scale * (1.0 - s * s).max(0.0);
+                sheet.radii[row * sheet.columns + column] +=
+                    depth * (1.0 - fold) * smooth(8.0 * fold);
+            }
+        }
+    }
     let mut mesh = Mesh::default();
     sheet.add_to(&mut mesh);
     for (side, column) in [(1.0, sheet.columns - 1), (-1.0, 0)] {
@@ -232,11 +195,12 @@ fn strap(fit: &FaceFit<'_>, way: &[Point3], side: f64) -> Vec<Point3> {
     points
 }
 
-fn scarf(fit: &FaceFit<'_>) -> Mesh {
+pub(super) fn scarf(style: &Prop, fit: &FaceFit<'_>) -> Mesh {
     let scale = fit.half_eye_distance() / 29.0;
     let (lip, chin) = (fit.landmark(51).y, fit.landmark(8).y);
+    let (lip, chin) = (lip + style.y_mm, chin + style.y_mm.min(0.0));
     let nape = chin + 10.0 * scale;
-    let mut sheet = Membrane::over(fit, [96, 29], true, 6.0 * scale, |s, t| {
+    let mut sheet = Membrane::over(fit, [96, 57], true, 6.0 * scale, |s, t| {
         let phi = s * std::f64::consts::PI;
         let front = 0.5 + 0.5 * libm::cos(phi);
         let top = blend(nape, lip + 6.0 * scale, front * front);
@@ -249,7 +213,8 @@ fn scarf(fit: &FaceFit<'_>) -> Mesh {
             let s = 2.0 * column as f64 / sheet.columns as f64 - 1.0;
             let phase = 15.0 * t + 1.3 * libm::sin(std::f64::consts::TAU * s);
             let fold = 1.0 - libm::cos(phase);
-            sheet.radii[row * sheet.columns + column] += (2.6 * fold + 16.0 * t * t) * scale;
+            let thick = (2.6 * fold + 16.0 * t * t) * style.size;
+            sheet.radii[row * sheet.columns + column] += thick * scale;
         }
     }
     let mut mesh = Mesh::default();
@@ -257,18 +222,30 @@ fn scarf(fit: &FaceFit<'_>) -> Mesh {
     mesh
 }
 
-fn cap(fit: &FaceFit<'_>) -> Mesh {
-    const COLUMNS: usize = 72;
-    const BRIM: usize = 33;
-    const STEPS: usize = 8;
+/// 0 at 0, 1 from 1 on, smooth.
+fn smooth(x: f64) -> f64 {
+    let x = x.clamp(0.0, 1.0);
+    x * x * (3.0 - 2.0 * x)
+}
+
+/// Columns of a crown: the subject's back is the first, the front the middle one.
+const COLUMNS: usize = 72;
+
+/// The tight part of a cap or hat over the skull, from the crown down to a band that is `rise` higher in front than behind,
+/// rad. Its band is the last row.
+fn crown(
+    fit: &FaceFit<'_>,
+    y_mm: f64,
+    [front_angle, back_angle]: [f64; 2],
+    clearance: f64,
+) -> Membrane {
     let scale = fit.half_eye_distance() / 29.0;
     let brow = fit.landmark(19).y.midpoint(fit.landmark(24).y);
-    let center = Point3::new(0.0, brow + 2.0 * scale, -6.0 * scale);
-    let sheet = Membrane::over(fit, [COLUMNS, 20], true, 3.0, |s, t| {
+    let center = Point3::new(0.0, brow + 2.0 * scale + y_mm, -6.0 * scale);
+    Membrane::over(fit, [COLUMNS, 20], true, clearance, |s, t| {
         let phi = s * std::f64::consts::PI;
         let front = 0.5 + 0.5 * libm::cos(phi);
-        // From the crown down to a band that is higher in front
-        let lowest = std::f64::consts::FRAC_PI_2 - blend(-0.12, 0.2, front);
+        let lowest = std::f64::consts::FRAC_PI_2 - blend(back_angle, front_angle, front);
         let theta = blend(0.03, lowest, t);
         let out = Vector3::new(
             libm::sin(theta) * libm::sin(phi),
@@ -276,10 +253,11 @@ fn cap(fit: &FaceFit<'_>) -> Mesh {
             libm::sin(theta) * libm::cos(phi),
         );
         (center, out)
-    });
-    let mut mesh = Mesh::default();
-    sheet.add_to(&mut mesh);
-    // The crown's hole
+    })
+}
+
+/// Closes the hole at a crown's top.
+fn add_top(sheet: &Membrane, mesh: &mut Mesh) {
     let top = mesh.positions.len() as u32;
     let ring: Vec<Point3> = (0..COLUMNS).map(|c| sheet.point(c, 0)).collect();
     let sum = ring.iter().fold(Vector3::zeros(), |sum, p| sum + p.coords);
@@ -288,26 +266,118 @@ fn cap(fit: &FaceFit<'_>) -> Mesh {
         mesh.triangles.push([top, c, (c + 1) % COLUMNS as u32]);
     }
     mesh.segments.resize(mesh.triangles.len(), Segment::Other);
-    // The brim: from the band forward, longest in the middle, drooping to its sides
+}
+
+/// A point of the band, at a column between whole ones.
+fn band_at(sheet: &Membrane, column: f64) -> Vector3 {
+    let (low, share) = (column.floor(), column - column.floor());
+    let at = |c: f64| {
+        let c = c.rem_euclid(COLUMNS as f64) as usize;
+        sheet.point(c, sheet.rows - 1).coords
+    };
+    at(low).lerp(&at(low + 1.0), share)
+}
+
+pub(super) fn cap(style: &Prop, fit: &FaceFit<'_>) -> Mesh {
+    const BRIM: usize = 33;
+    const STEPS: usize = 8;
+    let scale = fit.half_eye_distance() / 29.0;
+    let sheet = crown(fit, style.y_mm, [0.2, -0.12], 3.0);
+    let mut mesh = Mesh::default();
+    sheet.add_to(&mut mesh);
+    add_top(&sheet, &mut mesh);
+    // The brim: outwards from the band, longest in the middle, drooping to its sides
     let half = 0.3 * COLUMNS as f64 / 2.0;
+    let turn = style.turn_deg.to_radians();
+    let forward = Vector3::new(libm::sin(turn), 0.0, libm::cos(turn));
+    let middle = COLUMNS as f64 * (0.5 + turn / std::f64::consts::TAU);
     let mut points = Vec::new();
     for step in 0..=STEPS {
         let out = step as f64 / STEPS as f64;
         for k in 0..BRIM {
             let s = 2.0 * k as f64 / (BRIM - 1) as f64 - 1.0;
-            let column = COLUMNS as f64 / 2.0 + s * half;
-            let (low, share) = (column.floor() as usize, column.fract());
-            let row = sheet.rows - 1;
-            let band = sheet
-                .point(low, row)
-                .coords
-                .lerp(&sheet.point(low + 1, row).coords, share);
+            let band = band_at(&sheet, middle + s * half);
             let shape = libm::sqrt((1.0 - s * s).max(0.0));
-            let length = 62.0 * scale * shape;
+            let length = 62.0 * scale * style.size * shape;
             let droop = -0.18 * out * length - 9.0 * scale * s * s * out * shape;
-            points.push(Point3::from(band + Vector3::new(0.0, droop, out * length)));
+            let down = Vector3::y() * droop;
+            points.push(Point3::from(band + forward * (out * length) + down));
         }
     }
     add_grid(&mut mesh, &points, BRIM, false);
+    mesh
+}
+
+pub(super) fn hat(style: &Prop, fit: &FaceFit<'_>) -> Mesh {
+    const STEPS: usize = 8;
+    let scale = fit.half_eye_distance() / 29.0;
+    let mut sheet = crown(fit, style.y_mm, [0.26, 0.0], 5.0);
+    // A crown with a flat top and straight sides, as felt keeps them
+    let rows = sheet.rows;
+    let tall = (0..COLUMNS)
+        .map(|c| sheet.point(c, 0).y)
+        .fold(f64::MIN, f64::max)
+        + 12.0 * scale;
+    for row in 0..rows {
+        for column in 0..COLUMNS {
+            let i = row * COLUMNS + column;
+            let (center, out) = (sheet.centers[i], sheet.directions[i]);
+            let band = sheet.point(column, rows - 1);
+            let side = libm::hypot(band.x - center.x, band.z - center.z);
+            let across = libm::hypot(out.x, out.z).max(1e-6);
+            let to_side = side * 0.97 / across;
+            let to_top = (tall - center.y) / out.y.max(1e-6);
+            // The corner between them is round
+            let power = 7.0;
+            let sum = libm::pow(to_side, -power) + libm::pow(to_top.max(1.0), -power);
+            let felt = libm::pow(sum, -1.0 / power);
+            if row + 1 < rows {
+                sheet.radii[i] = sheet.radii[i].max(felt);
+            }
+        }
+    }
+    let mut mesh = Mesh::default();
+    sheet.add_to(&mut mesh);
+    add_top(&sheet, &mut mesh);
+    // A brim all around that rises at the sides
+    let mut points = Vec::new();
+    for step in 0..=STEPS {
+        let out = step as f64 / STEPS as f64;
+        for column in 0..COLUMNS {
+            let phi = (2.0 * column as f64 / COLUMNS as f64 - 1.0) * std::f64::consts::PI;
+            let away = Vector3::new(libm::sin(phi), 0.0, libm::cos(phi));
+            let length = 58.0 * scale * style.size;
+            let rise = 10.0 * scale * libm::sin(phi).abs() * out * out - 0.16 * out * length;
+            let band = band_at(&sheet, column as f64);
+            let up = Vector3::y() * rise;
+            points.push(Point3::from(band + away * (out * length) + up));
+        }
+    }
+    add_grid(&mut mesh, &points, COLUMNS, true);
+    mesh
+}
+
+pub(super) fn head_band(style: &Prop, fit: &FaceFit<'_>) -> Mesh {
+    let scale = fit.half_eye_distance() / 29.0;
+    let brow = fit.landmark(19).y.midpoint(fit.landmark(24).y);
+    let (front, back) = (
+        brow + 34.0 * scale + style.y_mm,
+        brow - 8.0 * scale + style.y_mm,
+    );
+    let half = 15.0 * scale * style.size;
+    let mut sheet = Membrane::over(fit, [96, 9], true, 1.6, |s, t| {
+        let phi = s * std::f64::consts::PI;
+        let middle = blend(back, front, 0.5 + 0.5 * libm::cos(phi));
+        around(middle + half * (1.0 - 2.0 * t), phi)
+    });
+    // Rounded edges
+    for row in 0..sheet.rows {
+        let t = 2.0 * row as f64 / (sheet.rows - 1) as f64 - 1.0;
+        for column in 0..sheet.columns {
+            sheet.radii[row * sheet.columns + column] += 1.4 * (1.0 - t * t);
+        }
+    }
+    let mut mesh = Mesh::default();
+    sheet.add_to(&mut mesh);
     mesh
 }

@@ -20,6 +20,8 @@ pub struct FaceFit<'a> {
     pub eyes: [Eye; 2],
     /// Where the top of the left and right ear meets the head, mm.
     pub ear_roots: [Point3; 2],
+    /// Smallest and largest corner of a box around the left and right ear, mm.
+    pub ears: [[Point3; 2]; 2],
 }
 
 impl<'a> FaceFit<'a> {
@@ -49,6 +51,7 @@ impl<'a> FaceFit<'a> {
             landmarks,
             eyes: *head.eyes(),
             ear_roots: [ear_root(Segment::LeftEar)?, ear_root(Segment::RightEar)?],
+            ears: [Segment::LeftEar, Segment::RightEar].map(|ear| ear_box(skin, &positions, ear)),
         })
     }
 
@@ -99,6 +102,21 @@ impl<'a> FaceFit<'a> {
             .map(|p| (p - center).dot(&out))
             .filter(|r| *r > 0.0)
     }
+}
+
+/// A box around an ear.
+fn ear_box(skin: &Object, positions: &[Point3], ear: Segment) -> [Point3; 2] {
+    let geometry = skin.geometry();
+    let triangles = geometry.triangles().iter().enumerate();
+    let of_ear = triangles.filter(|(t, _)| geometry.segment(*t as u32) == ear);
+    let vertices = of_ear.flat_map(|(_, triangle)| triangle.map(|v| positions[v as usize]));
+    let start = [f64::INFINITY, f64::NEG_INFINITY].map(|v| Point3::new(v, v, v));
+    vertices.fold(start, |[low, high], p| {
+        [
+            low.coords.inf(&p.coords).into(),
+            high.coords.sup(&p.coords).into(),
+        ]
+    })
 }
 
 /// The highest vertex that an ear shares with something else.

@@ -11,7 +11,7 @@ use super::fit::FaceFit;
 use super::sweep::add_tube;
 use crate::TraceError;
 use crate::geometry::Normals;
-use crate::material::{Albedo, Material};
+use crate::material::{Albedo, Material, Transmission};
 use crate::math::Rgb;
 use crate::object::Object;
 
@@ -19,6 +19,9 @@ use crate::object::Object;
 const REFERENCE_HALF_EYE_DISTANCE: f64 = 29.0;
 /// Points of a rim.
 const RIM_POINTS: usize = 72;
+/// Refractive index of lenses, and their least thickness, mm.
+const LENS_INDEX: f64 = 1.5;
+const LEAST_THICKNESS: f64 = 1.2;
 /// Rings of a lens from its middle to its rim.
 const LENS_RINGS: usize = 8;
 
@@ -43,6 +46,8 @@ pub struct Glasses {
     pub color: [u8; 3],
     /// Linear RGB share of light that passes a lens, each in `[0, 1]`: 0.95 clear, 0.1 sunglasses.
     pub tint: [f32; 3],
+    /// Refracting power of the lenses, dioptres, in `[-8, 8]`: 0 for flat ones, which do not bend light.
+    pub diopters: f64,
     /// Thickness of the rims, mm, in `[0.5, 8]`.
     pub rim_mm: f64,
     /// Size of the lenses relative to usual ones, in `[0.7, 1.3]`.
@@ -56,6 +61,7 @@ impl Default for Glasses {
             shape: RimShape::Rectangular,
             color: [28, 24, 22],
             tint: [0.93, 0.95, 0.94],
+            diopters: 0.0,
             rim_mm: 2.6,
             size: 1.0,
         }
@@ -69,6 +75,7 @@ impl Glasses {
             shape: RimShape::Rectangular,
             color: [12, 12, 13],
             tint: [0.09, 0.085, 0.08],
+            diopters: 0.0,
             rim_mm: 3.4,
             size: 1.12,
         }
@@ -90,14 +97,18 @@ impl Glasses {
             reflectivity: 0.03,
             ..Material::default()
         };
+        let tint = Rgb::from(self.tint);
+        let mut glass = Material::thin_glass(tint);
+        if self.diopters != 0.0 {
+            // Light passes two surfaces
+            glass.transmission = Some(Transmission::Solid {
+                ior: LENS_INDEX as f32,
+                tint: tint.map(f32::sqrt),
+            });
+        }
         Ok([
             Object::new(&frame, Normals::Smooth, plastic)?.as_occluder(),
-            Object::new(
-                &lenses,
-                Normals::Smooth,
-                Material::thin_glass(Rgb::from(self.tint)),
-            )?
-            .as_occluder(),
+            Object::new(&lenses, Normals::Smooth, glass)?.as_occluder(),
         ])
     }
 
@@ -135,7 +146,11 @@ impl Glasses {
                 section,
                 Segment::GlassesFrame,
             );
-            front.add_lens(side, &mut lenses);
+            if self.diopters == 0.0 {
+                front.add_lens(side, &mut lenses, |_| 0.0, true);
+            } else {
+                front.add_solid_lens(side, self.diopters, &mut lenses);
+            }
         }
         let bridge = front.bridge(fit);
         let section = [front.rim_depth, self.rim_mm];
@@ -152,17 +167,19 @@ impl Glasses {
 
     fn check(&self) -> Result<(), TraceError> {
         let tint_is_valid = self.tint.iter().all(|t| (0.0..=1.0).contains(t));
-        let is_valid =
-            tint_is_valid && (0.5..=8.0).contains(&self.rim_mm) && (0.7..=1.3).contains(&self.size);
+        let is_valid = tint_is_valid
+            && (-8.0..=8.0).contains(&self.diopters)
+            && (0.5..=8.0).contains(&self.rim_mm)
+            && (0.7..=1.3).contains(&self.size);
         if is_valid {
             return Ok(());
         }
         Err(TraceError::Setting {
             name: "glasses",
-            expected: "tint in [0, 1], rim_mm in [0.5, 8] and size in [0.7, 1.3]",
+            expected: "tint in [0, 1], diopters in [-8, 8], rim_mm in [0.5, 8] and size in [0.7, 1.3]",
             got: format!(
-                "tint {:?}, rim_mm {}, size {}",
-                self.tint, self.rim_mm, self.size
+                "tint {:?}, diopters {}, rim_mm {}, size {}",
+                self.tint, self.diopters, self.rim_mm, self.size
             ),
         })
     }
@@ -261,22 +278,52 @@ impl Front {
             .collect()
     }
 
-    fn add_lens(&self, side: f64, mesh: &mut Mesh) {
+    /// A lens of two surfaces whose distance bends light by `diopters`, with a wall around.
+    fn add_solid_lens(&self, side: f64, diopters: f64, mesh: &mut Mesh) {
+        // Source: the thin lens maker's equation; the sag of a sphere of radius R at r is r^2 / 2R
+        let bend = diopters / 1000.0 / (2.0 * (LENS_INDEX - 1.0));
+        let edge = self.half.map(|h| h * h).into_iter().sum::<f64>();
+        let thickest = LEAST_THICKNESS + (edge * bend).max(0.0);
+        let thickness = |squared: f64| thickest - squared * bend;
+        let first = mesh.positions.len() as u32;
+        self.add_lens(side, mesh, |squared| thickness(squared) / 2.0, true);
+        let second = mesh.positions.len() as u32;
+        self.add_lens(side, mesh, |squared| -thickness(squared) / 2.0, false);
+        let n = RIM_POINTS as u32;
+        let rim = 1 + (LENS_RINGS as u32 - 1) * n;
+        for k in 0..n {
+            let [a, b] = [k, (k + 1) % n].map(|k| first + rim + k);
+            let [c, d] = [(k + 1) % n, k].map(|k| second + rim + k);
+            let quads = [[a, d, c], [a, c, b]];
+            mesh.triangles
+                .extend(quads.map(|[a, b, c]| if side > 0.0 { [a, b, c] } else { [a, c, b] }));
+        }
+        mesh.segments
+            .resize(mesh.triangles.len(), Segment::GlassesLens);
+    }
+
+    /// A surface of a lens, `depth` of the squared distance from its middle in front of the sheet, seen from its front or
+    /// its back.
+    fn add_lens(&self, side: f64, mesh: &mut Mesh, depth: impl Fn(f64) -> f64, is_front: bool) {
         let base = mesh.positions.len() as u32;
+        let forward = |squared: f64| Vector3::z() * depth(squared);
         mesh.positions
-            .push(self.on_sheet(side * self.middle_x, self.middle_y));
+            .push(self.on_sheet(side * self.middle_x, self.middle_y) + forward(0.0));
         for ring in 1..=LENS_RINGS {
             for k in 0..RIM_POINTS {
                 let [dx, dy] = self.outline(k, ring as f64 / LENS_RINGS as f64, 0.0);
-                mesh.positions
-                    .push(self.on_sheet(side * (self.middle_x + dx), self.middle_y + dy));
+                let on_sheet = self.on_sheet(side * (self.middle_x + dx), self.middle_y + dy);
+                mesh.positions.push(on_sheet + forward(dx * dx + dy * dy));
             }
         }
         let n = RIM_POINTS as u32;
         let vertex = |ring: u32, k: u32| base + 1 + (ring - 1) * n + k % n;
         let mut add = |[a, b, c]: [u32; 3]| {
-            mesh.triangles
-                .push(if side > 0.0 { [a, b, c] } else { [a, c, b] });
+            mesh.triangles.push(if (side > 0.0) == is_front {
+                [a, b, c]
+            } else {
+                [a, c, b]
+            });
         };
         for k in 0..n {
             add([base, vertex(1, k), vertex(1, k + 1)]);

@@ -1,0 +1,117 @@
+//! Round bodies along a path: fingers, arms, poles, cups.
+
+use facile_core::{Mesh, Point3, Segment, Vector3};
+
+/// Corners of a cross-section.
+const SIDES: usize = 16;
+/// Rings of a round end.
+const CAP_RINGS: usize = 4;
+
+/// A place on the path: where, half the width across and half the height along `up`, mm.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Station {
+    pub(super) at: Point3,
+    pub(super) half: [f64; 2],
+}
+
+/// Adds a body through stations, at least two and no two neighbours equal, with round ends. It never runs along `up`.
+pub(super) fn add_limb(mesh: &mut Mesh, stations: &[Station], up: Vector3) {
+    let base = mesh.positions.len() as u32;
+    let mut rings = 0;
+    let n = stations.len();
+    let mut ring = |mesh: &mut Mesh, at: Point3, half: [f64; 2], tangent: Vector3| {
+        let side = tangent
+            .cross(&up)
+            .try_normalize(1e-12)
+            .unwrap_or_else(Vector3::x);
+        let along = side
+            .cross(&tangent)
+            .try_normalize(1e-12)
+            .unwrap_or_else(Vector3::y);
+        for k in 0..SIDES {
+            let (s, c) = libm::sincos(std::f64::consts::TAU * k as f64 / SIDES as f64);
+            mesh.positions
+                .push(at + side * (c * half[0]) + along * (s * half[1]));
+        }
+        rings += 1;
+    };
+    let tangent = |i: usize| {
+        let way = stations[(i + 1).min(n - 1)].at - stations[i.saturating_sub(1)].at;
+        way.try_normalize(1e-12).unwrap_or_else(Vector3::z)
+    };
+    // An end is half an ellipsoid
+    let cap = |station: &Station, tangent: Vector3, step: usize, sign: f64| {
+        let angle = std::f64::consts::FRAC_PI_2 * (step as f64 + 0.2) / (CAP_RINGS as f64 + 0.2);
+        let (s, c) = libm::sincos(angle);
+        let depth = station.half[0].min(station.half[1]);
+        (
+            station.at + tangent * (sign * depth * c),
+            station.half.map(|h| h * s),
+        )
+    };
+    for step in 0..CAP_RINGS {
+        let (at, half) = cap(&stations[0], tangent(0), step, -1.0);
+        ring(mesh, at, half, tangent(0));
+    }
+    for (i, station) in stations.iter().enumerate() {
+        ring(mesh, station.at, station.half, tangent(i));
+    }
+    for step in (0..CAP_RINGS).rev() {
+        let (at, half) = cap(&stations[n - 1], tangent(n - 1), step, 1.0);
+        ring(mesh, at, half, tangent(n - 1));
+    }
+    let vertex = |i: u32, k: usize| base + i * SIDES as u32 + (k % SIDES) as u32;
+    for i in 0..rings - 1 {
+        for k in 0..SIDES {
+            let [a, b] = [vertex(i, k), vertex(i, k + 1)];
+            let [c, d] = [vertex(i + 1, k + 1), vertex(i + 1, k)];
+            mesh.triangles.extend([[a, c, b], [a, d, c]]);
+        }
+    }
+    for k in 1..SIDES - 1 {
+        mesh.triangles
+            .push([vertex(0, 0), vertex(0, k), vertex(0, k + 1)]);
+        let last = rings - 1;
+        mesh.triangles
+            .push([vertex(last, 0), vertex(last, k + 1), vertex(last, k)]);
+    }
+    mesh.segments.resize(mesh.triangles.len(), Segment::Other);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_limb_is_closed_and_faces_outwards() {
+        let station = |x: f64, r: f64| Station {
+            at: Point3::new(x, 0.0, 0.0),
+            half: [r, r],
+        };
+        let mut mesh = Mesh::default();
+        add_limb(
+            &mut mesh,
+            &[station(0.0, 5.0), station(20.0, 5.0)],
+            Vector3::y(),
+        );
+        let volume: f64 = (0..mesh.triangles.len())
+            .map(|t| {
+                let [a, b, c] = mesh.corners(t).map(|p| p.coords);
+                a.dot(&b.cross(&c)) / 6.0
+            })
+            .sum();
+        let exact = std::f64::consts::PI * (25.0 * 20.0 + 4.0 / 3.0 * 125.0);
+        assert!((volume / exact - 1.0).abs() < 0.1, "{volume} {exact}");
+        let mut edges = std::collections::BTreeMap::new();
+        for t in &mesh.triangles {
+            for k in 0..3 {
+                *edges.entry((t[k], t[(k + 1) % 3])).or_insert(0) += 1;
+            }
+        }
+        assert!(
+            edges
+                .iter()
+                .all(|(&(a, b), n)| *n == 1 && edges.contains_key(&(b, a)))
+        );
+    }
+}

@@ -1,0 +1,180 @@
+//! Things that people wear or hold before their face, by kind, colour, size and place.
+
+use facile_core::Mesh;
+use serde::{Deserialize, Serialize};
+
+use super::fit::FaceFit;
+use super::{drape, fringe, hand, headphones};
+use crate::TraceError;
+use crate::geometry::Normals;
+use crate::material::{Albedo, Material};
+use crate::math::{Rgb, vec3_from_vector};
+use crate::object::Object;
+
+/// What a [`Prop`] is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PropKind {
+    /// Pleated cloth over nose, mouth and chin, with loops around the ears.
+    SurgicalMask,
+    /// Cloth around neck, chin and mouth.
+    Scarf,
+    /// Cloth over the skull, with a brim over the forehead.
+    Cap,
+    /// Felt over the skull, with a brim all around.
+    Hat,
+    /// A band around the head, over the forehead.
+    HeadBand,
+    /// Cups over the ears and a bow over the head.
+    Headphones,
+    /// A hand before the face, fingers up.
+    Hand,
+    /// A pole across the face.
+    Bar,
+    /// Hair that falls over the forehead.
+    Fringe,
+}
+
+impl PropKind {
+    /// Every kind.
+    pub const ALL: [Self; 9] = [
+        Self::SurgicalMask,
+        Self::Scarf,
+        Self::Cap,
+        Self::Hat,
+        Self::HeadBand,
+        Self::Headphones,
+        Self::Hand,
+        Self::Bar,
+        Self::Fringe,
+    ];
+
+    /// Colour, 8-bit sRGB, of a prop that is given none.
+    pub fn usual_color(self) -> [u8; 3] {
+        match self {
+            Self::SurgicalMask => [150, 190, 214],
+            Self::Scarf => [122, 52, 48],
+            Self::Cap => [40, 52, 84],
+            Self::Hat => [92, 72, 52],
+            Self::HeadBand => [170, 40, 60],
+            Self::Headphones => [36, 36, 40],
+            Self::Hand => [198, 150, 124],
+            Self::Bar => [120, 122, 126],
+            Self::Fringe => [58, 40, 28],
+        }
+    }
+
+    /// Which of the places `x_mm`, `y_mm` and `turn_deg` it has.
+    pub fn places(self) -> &'static [&'static str] {
+        match self {
+            Self::Hand | Self::Bar => &["x_mm", "y_mm", "turn_deg"],
+            Self::Cap => &["y_mm", "turn_deg"],
+            _ => &["y_mm"],
+        }
+    }
+}
+
+/// Something worn or held, fitted to a head when it is put on.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Prop {
+    /// What it is.
+    pub kind: PropKind,
+    /// 8-bit sRGB colour.
+    pub color: [u8; 3],
+    /// Size relative to a usual one, in `[0.7, 1.3]`: height of a mask, thickness of a scarf, length of a brim or fringe,
+    /// width of a band, cups, hand, pole.
+    pub size: f64,
+    /// Motion to the subject's left, mm, in `[-150, 150]`.
+    pub x_mm: f64,
+    /// Motion upwards, mm, in `[-150, 150]`.
+    pub y_mm: f64,
+    /// Turn, degrees, in `[-180, 180]`: of a hand or pole counter-clockwise for the viewer, of a cap to the subject's left.
+    pub turn_deg: f64,
+}
+
+impl Prop {
+    /// A usual one.
+    pub fn new(kind: PropKind) -> Self {
+        Self {
+            kind,
+            color: kind.usual_color(),
+            size: 1.0,
+            x_mm: 0.0,
+            y_mm: 0.0,
+            turn_deg: 0.0,
+        }
+    }
+
+    /// The prop on a head, ready to be added to its scene.
+    ///
+    /// # Errors
+    /// [`TraceError::Setting`] for numbers out of range; as [`Object::new`].
+    pub fn object(&self, fit: &FaceFit<'_>) -> Result<Object, TraceError> {
+        self.check()?;
+        let color = self
+            .color
+            .map(|v| facile_core::color::LINEAR_FROM_SRGB8[usize::from(v)]);
+        let color = Rgb::from(color);
+        if self.kind == PropKind::Fringe {
+            let (mesh, strands) = fringe::fringe(self, fit);
+            let strands = strands.iter().map(vec3_from_vector).collect();
+            let hair = Object::new(&mesh, Normals::Smooth, Material::matt(color))?;
+            return Ok(hair.with_strands(strands)?.as_occluder());
+        }
+        let object = Object::new(&self.mesh(fit), Normals::Smooth, self.material(color))?;
+        Ok(object.as_occluder())
+    }
+
+    /// The surface, mm, head frame.
+    pub fn mesh(&self, fit: &FaceFit<'_>) -> Mesh {
+        match self.kind {
+            PropKind::SurgicalMask => drape::mask(self, fit),
+            PropKind::Scarf => drape::scarf(self, fit),
+            PropKind::Cap => drape::cap(self, fit),
+            PropKind::Hat => drape::hat(self, fit),
+            PropKind::HeadBand => drape::head_band(self, fit),
+            PropKind::Headphones => headphones::headphones(self, fit),
+            PropKind::Hand => hand::hand(self, fit),
+            PropKind::Bar => hand::bar(self, fit),
+            PropKind::Fringe => fringe::fringe(self, fit).0,
+        }
+    }
+
+    fn material(&self, color: Rgb) -> Material {
+        let rough = |specular, roughness| Material {
+            albedo: Albedo::Constant(color),
+            specular,
+            roughness,
+            ..Material::default()
+        };
+        match self.kind {
+            PropKind::Hand => Material {
+                scatter_mm: Rgb::new(1.18, 0.27, 0.16),
+                ..rough(0.028, 0.5)
+            },
+            // Plastic
+            PropKind::Headphones => rough(0.04, 0.35),
+            // Brushed metal: its highlight has its colour's strength
+            PropKind::Bar => rough(0.5, 0.38),
+            // Cloth
+            _ => rough(0.02, 0.85),
+        }
+    }
+
+    fn check(&self) -> Result<(), TraceError> {
+        let is_place = |v: f64, limit: f64| v.abs() <= limit;
+        if (0.7..=1.3).contains(&self.size)
+            && is_place(self.x_mm, 150.0)
+            && is_place(self.y_mm, 150.0)
+            && is_place(self.turn_deg, 180.0)
+        {
+            return Ok(());
+        }
+        Err(TraceError::Setting {
+            name: "occluder",
+            expected: "a size in [0.7, 1.3], x_mm and y_mm in [-150, 150], turn_deg in [-180, 180]",
+            got: format!("{self:?}"),
+        })
+    }
+}
