@@ -84,11 +84,6 @@ impl Projection {
         }
     }
 
-    /// Whether its lines are parallel.
-    pub(crate) fn is_parallel(&self) -> bool {
-        self.parallel.is_some()
-    }
-
     /// Where lines meet, or any point for parallel lines, mm.
     pub(crate) fn origin(&self) -> Vec3 {
         self.origin.coords.cast::<f32>()
@@ -146,6 +141,11 @@ fn frame(forward: Vector3<f64>) -> Matrix3<f64> {
 }
 
 impl LocalProjection {
+    /// Whether its lines are parallel.
+    pub(crate) fn is_parallel(&self) -> bool {
+        self.parallel.is_some()
+    }
+
     /// Image position and depth of eight points.
     #[inline(always)]
     pub(crate) fn project<L: Lanes>(&self, points: V3<L>) -> V3<L> {

@@ -25,6 +25,7 @@ pub mod triangle;
 pub mod view;
 pub mod visibility;
 
+mod bounces;
 mod direct;
 mod error;
 mod footprint;
@@ -41,6 +42,7 @@ mod raster;
 mod scalar;
 pub mod sensor;
 mod shadow_cells;
+mod sight;
 mod slopes;
 mod srgb;
 pub mod subsurface;
