@@ -39,7 +39,7 @@ struct Bounce {
     links: Vec<Link>,
 }
 
-/// How much of a ray's light goes to which point of the bounce before; the links of a point are neighbours.
+/// How much of a ray's light goes to which point of the bounce before.
 #[derive(Clone, Copy, Debug)]
 struct Link {
     /// Number of the point: its block times eight and its lane.
@@ -55,10 +55,12 @@ impl ShadingPoints {
         scene: &Scene,
         hits: &[Hit],
         directions: &[[f32; 3]],
-        params: &BounceParams,
+        params: BounceParams,
     ) {
         self.surfaces.clear();
         self.bounces.clear();
+        // Room for bounces too, since growing moves everything
+        self.surfaces.reserve(hits.len() / 6 + 64);
         surface::surfaces(scene, hits, directions, &mut self.surfaces);
         self.primary_blocks = self.surfaces.len();
         let mut first_block = 0;
@@ -87,7 +89,9 @@ impl ShadingPoints {
         directions: &[[f32; 3]],
         offset: f32,
     ) -> (Vec<Ray>, Vec<Link>) {
-        let (mut rays, mut links) = (Vec::new(), Vec::new());
+        // Rays that go through come first, then those that are mirrored: packets of one direction
+        let mut through = (Vec::new(), Vec::new());
+        let mut mirrored = (Vec::new(), Vec::new());
         for (index, block) in self.surfaces[first_block..].iter().enumerate() {
             for lane in lanes_of(block.spawns) {
                 let i = index * LANES + lane;
@@ -95,56 +99,53 @@ impl ShadingPoints {
                 let point = Interaction::new(scene, &ray, &hits[i]);
                 let material = point.object.material(point.triangle);
                 let number = (first_block * LANES + i) as u32;
-                spawn(&point, material, offset, |ray, tint, share| {
-                    rays.push(ray);
-                    links.push(Link {
-                        point: number,
-                        tint,
-                        share,
-                    });
-                });
+                let ways = spawn(&point, material, offset);
+                for (way, (rays, links)) in ways.into_iter().zip([&mut through, &mut mirrored]) {
+                    if let Some((ray, tint, share)) = way {
+                        rays.push(ray);
+                        links.push(Link {
+                            point: number,
+                            tint,
+                            share,
+                        });
+                    }
+                }
             }
         }
-        (rays, links)
+        through.0.append(&mut mirrored.0);
+        through.1.append(&mut mirrored.1);
+        through
     }
 
     /// Adds to the colour of each point what comes to it by mirror reflection and through it, the last bounce first.
     pub(crate) fn composite(&self, colors: &mut [ColorBlock]) {
-        let at = |colors: &[ColorBlock], point: usize| {
-            Rgb::from_fn(|k, _| colors[point / LANES][k].0[point % LANES])
-        };
         for bounce in self.bounces.iter().rev() {
-            let mut from = 0;
-            while let Some(first) = bounce.links.get(from) {
-                let mut sum = Rgb::zeros();
-                while let Some(link) = bounce.links.get(from).filter(|l| l.point == first.point) {
-                    let color = at(colors, bounce.first_block * LANES + from);
-                    sum += color.component_mul(&link.tint) * link.share;
-                    from += 1;
-                }
-                let point = first.point as usize;
+            for (i, link) in bounce.links.iter().enumerate() {
+                let from = bounce.first_block * LANES + i;
+                let to = link.point as usize;
                 for k in 0..3 {
-                    colors[point / LANES][k].0[point % LANES] += sum[k];
+                    let found = colors[from / LANES][k].0[from % LANES];
+                    colors[to / LANES][k].0[to % LANES] += found * link.tint[k] * link.share;
                 }
             }
         }
     }
 }
 
-/// The rays that a surface sends out: through it, then mirrored; `push` gets each with its tint and its share.
+/// The rays that a surface sends out, through it and mirrored, each with its tint and its share.
 fn spawn(
     point: &Interaction<'_>,
     material: &Material,
     offset: f32,
-    mut push: impl FnMut(Ray, Rgb, f32),
-) {
+) -> [Option<(Ray, Rgb, f32)>; 2] {
+    let (mut through, mut mirrored) = (None, None);
     let mut reflected_share = fresnel(material.reflectivity, point.normal.dot(&point.view));
     if let Some(transmission) = &material.transmission {
         match transmitted(point, transmission) {
             Some(direction) => {
                 let origin = point.position - point.flat_normal * offset;
                 let share = 1.0 - reflected_share;
-                push(Ray::new(origin, direction), transmission.tint(), share);
+                through = Some((Ray::new(origin, direction), transmission.tint(), share));
             }
             None => reflected_share = 1.0,
         }
@@ -152,10 +153,8 @@ fn spawn(
     if reflected_share > 0.0 {
         let direction = reflect(point.view, point.normal);
         let origin = point.lifted + point.flat_normal * offset;
-        push(
-            Ray::new(origin, direction),
-            Rgb::repeat(1.0),
-            reflected_share,
-        );
+        let white = Rgb::repeat(1.0);
+        mirrored = Some((Ray::new(origin, direction), white, reflected_share));
     }
+    [through, mirrored]
 }

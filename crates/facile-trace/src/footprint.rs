@@ -186,6 +186,17 @@ pub(crate) struct Footprints {
     pub(crate) clockwise: u32,
 }
 
+impl Footprints {
+    /// First and last step of a triangle along `x` and `y`.
+    #[inline(always)]
+    pub(crate) fn area(&self, lane: usize) -> [[usize; 2]; 2] {
+        [
+            [self.first[0][lane] as usize, self.first[1][lane] as usize],
+            [self.last[0][lane] as usize, self.last[1][lane] as usize],
+        ]
+    }
+}
+
 /// Image positions and depths of the corners of up to eight triangles; further lanes repeat the last.
 #[inline(always)]
 pub(crate) fn project_corners<L: Lanes>(

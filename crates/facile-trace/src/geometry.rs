@@ -149,7 +149,11 @@ impl Geometry {
     }
 
     fn update_rows(&mut self) {
-        let normals = self.normals.iter().copied().chain(std::iter::repeat(Vec3::zeros()));
+        let normals = self
+            .normals
+            .iter()
+            .copied()
+            .chain(std::iter::repeat(Vec3::zeros()));
         let rows = self.positions.iter().zip(normals);
         self.vertex_rows.clear();
         self.vertex_rows

@@ -40,6 +40,7 @@ mod query;
 mod raster;
 #[cfg(test)]
 mod scalar;
+mod scratch;
 pub mod sensor;
 mod shadow_cells;
 mod sight;

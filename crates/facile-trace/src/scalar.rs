@@ -32,7 +32,7 @@ impl Recursion<'_> {
             }
         }
         if material.spawns_rays() {
-            color += self.secondary(&point, material, depth);
+            self.add_secondary(&point, material, depth, &mut color);
         }
         color
     }
@@ -75,19 +75,24 @@ impl Recursion<'_> {
         Some((share.component_mul(&power) * cosine, ray))
     }
 
-    /// Light by mirror reflection and through the surface.
-    fn secondary(&self, point: &Interaction<'_>, material: &Material, depth: u32) -> Rgb {
+    /// Adds light through the surface, then by mirror reflection.
+    fn add_secondary(
+        &self,
+        point: &Interaction<'_>,
+        material: &Material,
+        depth: u32,
+        color: &mut Rgb,
+    ) {
         if depth >= self.params.max_depth {
-            return Rgb::zeros();
+            return;
         }
         let mut reflected_share = fresnel(material.reflectivity, point.normal.dot(&point.view));
-        let mut color = Rgb::zeros();
         if let Some(transmission) = &material.transmission {
             match transmitted(point, transmission) {
                 Some(direction) => {
                     let origin = point.position - point.flat_normal * self.params.offset;
                     let behind = self.radiance(&Ray::new(origin, direction), depth + 1);
-                    color += behind.component_mul(&transmission.tint()) * (1.0 - reflected_share);
+                    *color += behind.component_mul(&transmission.tint()) * (1.0 - reflected_share);
                 }
                 None => reflected_share = 1.0,
             }
@@ -95,9 +100,8 @@ impl Recursion<'_> {
         if reflected_share > 0.0 {
             let direction = reflect(point.view, point.normal);
             let origin = point.lifted + point.flat_normal * self.params.offset;
-            color += self.radiance(&Ray::new(origin, direction), depth + 1) * reflected_share;
+            *color += self.radiance(&Ray::new(origin, direction), depth + 1) * reflected_share;
         }
-        color
     }
 }
 
@@ -127,12 +131,12 @@ fn highlight(material: &Material, cos_alpha: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bounces::ShadingPoints;
     use crate::lanes::LANES;
-    use crate::surface;
     use crate::light::LightSource;
     use crate::material::Transmission;
     use crate::math::Pose;
-    use crate::bounces::ShadingPoints;
+    use crate::surface;
     use crate::whitted::{Shaded, Wanted};
     use crate::{Camera, Normals, Object, Scene};
     use approx::assert_relative_eq;
@@ -256,7 +260,7 @@ mod tests {
         scene.closest_hits(&rays, Layer::All, &mut hits);
         let directions: Vec<[f32; 3]> = rays.iter().map(|r| r.direction.into()).collect();
         let mut points = ShadingPoints::default();
-        points.find(&scene, &hits, &directions, &params);
+        points.find(&scene, &hits, &directions, params);
         let mut shaded = Shaded::default();
         shader.shade(&points, Wanted::default(), &mut shaded);
         let recursion = Recursion {

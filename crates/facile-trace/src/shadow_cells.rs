@@ -13,7 +13,7 @@ use crate::math::Vec3;
 use crate::object::Object;
 use crate::packet::{ShearBlock, meet_sheared};
 use crate::sight::LightRays;
-use crate::slopes::Slopes;
+use crate::slopes::{self, Slopes};
 
 /// Rays of a cell on average.
 const RAYS_PER_CELL: usize = 4;
@@ -258,12 +258,21 @@ impl Kernel for Block<'_> {
                 if found.present == 0 {
                     continue;
                 }
-                let slopes = Slopes::new::<L>(&corners, is_parallel, self.reach);
+                // Leave out what is behind all rays, before anything else is found out about it
+                let depth = L::load(&found.nearest);
+                let nearest = slopes::nearest::<L>(depth, is_parallel, self.reach);
+                let mut present = 0;
                 for lane in lanes_of(found.present) {
-                    let from = [found.first[0][lane], found.first[1][lane]];
-                    let to = [found.last[0][lane], found.last[1][lane]];
-                    let area = [from, to].map(|at| at.map(|v| v as usize));
-                    cells.draw::<L>(self.rays, &triangles[lane], area, &slopes, lane);
+                    let is_hidden = cells.is_hidden(found.area(lane), nearest.0[lane]);
+                    present |= u32::from(!is_hidden) << lane;
+                }
+                if present == 0 {
+                    continue;
+                }
+                let slopes = Slopes::new::<L>(&corners, is_parallel, self.reach);
+                for lane in lanes_of(present) {
+                    let (area, nearest) = (found.area(lane), nearest.0[lane]);
+                    cells.draw::<L>(self.rays, &triangles[lane], area, nearest, &slopes, lane);
                 }
             }
         }
@@ -440,6 +449,19 @@ impl Cells {
 }
 
 impl Cells {
+    /// Whether something in the cells `[first, last]` that comes as near as `nearest` to the light is behind all rays.
+    #[inline(always)]
+    fn is_hidden(&self, [first, last]: [[usize; 2]; 2], nearest: f32) -> bool {
+        for row in first[1] / TILE..=last[1] / TILE {
+            let row = row * self.tile_columns;
+            let tiles = &self.tiles[row + first[0] / TILE..=row + last[0] / TILE];
+            if tiles.iter().any(|lowest| *lowest <= nearest) {
+                return false;
+            }
+        }
+        true
+    }
+
     /// Closes the rays that a triangle blocks in the cells `[first, last]`; `lane` is its place among the slopes.
     #[inline(always)]
     fn draw<L: Lanes>(
@@ -447,20 +469,10 @@ impl Cells {
         rays: &LightRays<'_>,
         corners: &[[f32; 3]; 3],
         [first, last]: [[usize; 2]; 2],
+        nearest: f32,
         slopes: &Slopes,
         lane: usize,
     ) {
-        let nearest = slopes.nearest.0[lane];
-        let tile_rows = first[1] / TILE..=last[1] / TILE;
-        let is_hidden = tile_rows.into_iter().all(|row| {
-            let row = row * self.tile_columns;
-            let tiles = &self.tiles[row + first[0] / TILE..=row + last[0] / TILE];
-            tiles.iter().all(|lowest| nearest < *lowest)
-        });
-        if is_hidden {
-            return;
-        }
-
         let (a, b, c) = (
             L::splat(slopes.a.0[lane]),
             L::splat(slopes.b.0[lane]),

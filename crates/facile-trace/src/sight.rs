@@ -83,7 +83,8 @@ impl Scene {
         tints.clear();
         let objects = || self.objects().iter().filter(|o| o.is_visible);
         let image = shadow_cells::image_of(&rays);
-        let suits = |o: &Object| image.is_some_and(|i| shadow_cells::suits(o, &i.projection, i.rays));
+        let suits =
+            |o: &Object| image.is_some_and(|i| shadow_cells::suits(o, &i.projection, i.rays));
         if let Some(image) = &image {
             let boxes = objects().filter_map(Object::bounds_in_world);
             let drawn: Vec<&Object> = objects()

@@ -10,16 +10,26 @@
 //! Works on pixel centres: what further samples of a pixel add is kept, and the difference that spreading makes at its
 //! centre is added to their mean.
 
+use std::cell::Cell;
+
 use crate::camera::Camera;
 use crate::direct::ColorBlock;
 use crate::lanes::{Kernel, LANES, Lanes, run};
 use crate::math::Rgb;
+use crate::scratch;
 
 /// Support of the biweight kernel over its standard deviation, the square root of 7.
 const SUPPORT: f32 = 2.645_751_3;
 
 /// Neighbours on either side at most: bounds the cost of close-ups.
 const MAX_RADIUS: usize = 40;
+
+/// Red, green and blue.
+type Planes = [Vec<f32>; 3];
+
+thread_local! {
+    static SCRATCH: Cell<Option<Box<[Planes; 2]>>> = const { Cell::new(None) };
+}
 
 /// A pixel whose light spreads.
 #[derive(Clone, Copy, Debug)]
@@ -63,17 +73,18 @@ impl Skin {
         let (mut low, mut high) = (pixels.first()?.at, pixels.first()?.at);
         let k = camera.intrinsics();
         let focal = [k[(0, 0)] as f32, k[(1, 1)] as f32];
-        let reach = |pixel: &SkinPixel, axis: usize| {
-            let mm_per_px = pixel.depth_z / focal[axis];
-            ((pixel.scatter_mm.max() * SUPPORT / mm_per_px) as usize).min(MAX_RADIUS)
-        };
+        let mut reach = Vec::with_capacity(pixels.len());
         let mut margin = 0;
         for pixel in &pixels {
+            let [red, green, blue] = pixel.scatter_mm.into();
+            let support = red.max(green).max(blue) * SUPPORT;
+            let own = focal.map(|f| ((support * f / pixel.depth_z) as usize).min(MAX_RADIUS));
             for axis in 0..2 {
                 low[axis] = low[axis].min(pixel.at[axis]);
                 high[axis] = high[axis].max(pixel.at[axis]);
-                margin = margin.max(reach(pixel, axis));
+                margin = margin.max(own[axis]);
             }
+            reach.push(own.map(|r| r as u32));
         }
         let left = margin.next_multiple_of(LANES);
         let columns = (high[0] - low[0] + 1) as usize;
@@ -93,29 +104,22 @@ impl Skin {
             focal,
             pixels,
         };
-        let mut radius = vec![[0_u32; 2]; count / LANES];
-        let mut present = vec![false; count / LANES];
-        for (pixel, place) in skin.pixels.iter().zip(&skin.places) {
+        let mut runs = vec![None; count / LANES];
+        for ((pixel, place), reach) in skin.pixels.iter().zip(&skin.places).zip(reach) {
             let place = *place as usize;
             skin.depth_z[place] = pixel.depth_z;
-            let support = pixel.scatter_mm * SUPPORT;
             for k in 0..3 {
-                if support[k] > 0.0 {
-                    skin.inverse[k][place] = 1.0 / (support[k] * support[k]);
-                }
+                let support = pixel.scatter_mm[k] * SUPPORT;
+                skin.inverse[k][place] = 1.0 / (support * support);
             }
-            present[place / LANES] = true;
-            for (axis, radius) in radius[place / LANES].iter_mut().enumerate() {
-                *radius = (*radius).max(reach(pixel, axis) as u32);
-            }
+            let radius: &mut [u32; 2] = runs[place / LANES].get_or_insert_default();
+            *radius = [radius[0].max(reach[0]), radius[1].max(reach[1])];
         }
-        skin.runs = (0..count / LANES)
-            .filter(|run| present[*run])
-            .map(|run| Run {
-                first: (run * LANES) as u32,
-                radius: radius[run],
-            })
-            .collect();
+        let runs = runs.into_iter().enumerate();
+        skin.runs.extend(
+            runs.filter_map(|(i, radius)| Some(((i * LANES) as u32, radius?)))
+                .map(|(first, radius)| Run { first, radius }),
+        );
         Some(skin)
     }
 
@@ -126,40 +130,61 @@ impl Skin {
 
     /// What spreading adds to the light of each pixel; sample `i` has the irradiance of lane `i % 8` of block `i / 8`.
     pub(crate) fn spread(&self, irradiance: &[ColorBlock]) -> Vec<Rgb> {
-        let mut light = [0; 3].map(|_| vec![0.0; self.depth_z.len()]);
+        scratch::with(&SCRATCH, |[light, mixed]| {
+            for plane in light.iter_mut().chain(&mut *mixed) {
+                plane.clear();
+                plane.resize(self.depth_z.len(), 0.0);
+            }
+            self.spread_with(irradiance, light, mixed)
+        })
+    }
+
+    fn spread_with(
+        &self,
+        irradiance: &[ColorBlock],
+        light: &mut Planes,
+        mixed: &mut Planes,
+    ) -> Vec<Rgb> {
+        let [red, green, blue] = &mut *light;
         for (pixel, place) in self.pixels.iter().zip(&self.places) {
             let own = &irradiance[pixel.sample as usize / LANES];
-            for k in 0..3 {
-                light[k][*place as usize] = own[k].0[pixel.sample as usize % LANES];
-            }
+            let (k, place) = (pixel.sample as usize % LANES, *place as usize);
+            red[place] = own[0].0[k];
+            green[place] = own[1].0[k];
+            blue[place] = own[2].0[k];
         }
         for axis in 0..2 {
-            let mut mixed = [0; 3].map(|_| vec![0.0; self.depth_z.len()]);
             run(Pass {
                 skin: self,
-                light: &light,
-                mixed: &mut mixed,
+                light,
+                mixed,
                 axis,
             });
-            light = mixed;
+            std::mem::swap(light, mixed);
         }
-        let added = self.pixels.iter().zip(&self.places);
+        let mut added = Vec::with_capacity(self.pixels.len());
+        let [red, green, blue] = &*light;
+        for (pixel, place) in self.pixels.iter().zip(&self.places) {
+            let (own, k) = (
+                &irradiance[pixel.sample as usize / LANES],
+                pixel.sample as usize % LANES,
+            );
+            let place = *place as usize;
+            added.push(Rgb::new(
+                red[place] - own[0].0[k],
+                green[place] - own[1].0[k],
+                blue[place] - own[2].0[k],
+            ));
+        }
         added
-            .map(|(pixel, place)| {
-                let own = &irradiance[pixel.sample as usize / LANES];
-                Rgb::from_fn(|k, _| {
-                    light[k][*place as usize] - own[k].0[pixel.sample as usize % LANES]
-                })
-            })
-            .collect()
     }
 }
 
 /// One pass along an axis of the image.
 struct Pass<'a> {
     skin: &'a Skin,
-    light: &'a [Vec<f32>; 3],
-    mixed: &'a mut [Vec<f32>; 3],
+    light: &'a Planes,
+    mixed: &'a mut Planes,
     axis: usize,
 }
 

@@ -69,7 +69,6 @@ impl Kernel for Surfaces<'_> {
 
     #[inline(always)]
     fn run<L: Lanes>(self) {
-        self.out.reserve(self.hits.len().div_ceil(LANES));
         let table: &[f32; 256] = &LINEAR_FROM_SRGB8;
         let mut look = Look::default();
         for (hits, directions) in self.hits.chunks(LANES).zip(self.directions.chunks(LANES)) {

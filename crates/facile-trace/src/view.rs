@@ -3,14 +3,15 @@
 //! [`trace_view`] shoots the primary rays and fills the labels; [`View::shade`] lights what they hit. One view serves any
 //! number of light settings. Only pixels inside the projected bounds of the scene are traced.
 
+use std::cell::Cell;
 use std::time::{Duration, Instant};
 
 use facile_core::Plane;
 
 use crate::TraceError;
+use crate::bounces::{BounceParams, ShadingPoints};
 use crate::camera::Camera;
 use crate::gbuffer::{CenterHits, GBuffer, Truth};
-use crate::bounces::{BounceParams, ShadingPoints};
 use crate::lanes::LANES;
 use crate::light::{Light, LightSource};
 use crate::math::Rgb;
@@ -22,6 +23,7 @@ use crate::sampling::{
     uneven_pixels,
 };
 use crate::scene::{Layer, Scene};
+use crate::scratch;
 use crate::srgb::srgb8;
 use crate::subsurface::{Skin, SkinPixel};
 use crate::surface;
@@ -136,7 +138,7 @@ pub fn trace_view(
     let points = (centers.hits.len() <= MAX_KEPT_SURFACES).then(|| {
         let directions = center_directions(camera, &centers.pixels);
         let mut points = ShadingPoints::default();
-        points.find(scene, &centers.hits, &directions, &settings.bounces());
+        points.find(scene, &centers.hits, &directions, settings.bounces());
         points
     });
     let found = CenterHits {
@@ -196,7 +198,7 @@ fn skin_pixels(scene: &Scene, centers: &PixelHits) -> Vec<SkinPixel> {
     for (sample, (hit, at)) in centers.hits.iter().zip(&centers.pixels).enumerate() {
         let object = &scene.objects()[hit.object as usize];
         let scatter_mm = object.material(hit.triangle).scatter_mm;
-        if scatter_mm.max() > 0.0 {
+        if scatter_mm.x > 0.0 || scatter_mm.y > 0.0 || scatter_mm.z > 0.0 {
             skin.push(SkinPixel {
                 sample: sample as u32,
                 at: *at,
@@ -309,15 +311,21 @@ impl View {
             lights: &lights,
             offset: self.settings.offset_mm,
         };
+        Ok(scratch::with(&SCRATCH, |scratch| {
+            self.shade_with(&shader, scratch)
+        }))
+    }
+
+    fn shade_with(&self, shader: &Shader<'_>, scratch: &mut BatchScratch) -> Rendering {
         let start = Instant::now();
-        let mut scratch = BatchScratch::default();
+        scratch.shaded.shadow_time = Duration::ZERO;
         let (width, height) = (self.camera.width(), self.camera.height());
-        let mut color = Plane::filled(width, height, scene.background);
+        let mut color = Plane::filled(width, height, shader.scene.background);
         let mut shadow = None;
         let mut spread = Vec::new();
         let is_dense = matches!(self.settings.samples, Samples::Count(2..));
         if !is_dense || self.settings.truth.shadow || self.skin.is_some() {
-            let mut lit = self.shade_centers(&shader, &mut scratch);
+            let mut lit = self.shade_centers(shader, scratch);
             for ([x, y], own) in self.centers.pixels.iter().zip(lit.colors.drain(..)) {
                 color[(*x as usize, *y as usize)] = own;
             }
@@ -333,11 +341,11 @@ impl View {
                 let (pixels, hits) = (&self.dense_pixels, &self.dense_hits);
                 let offsets = self.dense_offsets();
                 let samples = (&pixels[..], &hits[..], &offsets[..]);
-                self.for_each_pixel(&shader, &mut scratch, samples, |pixel, samples| {
+                self.for_each_pixel(shader, scratch, samples, |pixel, samples| {
                     color[pixel] = sum(samples) / count as f32;
                 });
             }
-            Samples::Adaptive(_) => self.refine(&mut color, &shader, &mut scratch),
+            Samples::Adaptive(_) => self.refine(&mut color, shader, scratch),
         }
         for (pixel, added) in spread {
             let own = &mut color[pixel];
@@ -352,11 +360,11 @@ impl View {
                 .saturating_sub(centers)
                 .saturating_sub(shadow_time.saturating_sub(centers_shadow)),
         };
-        Ok(Rendering {
+        Rendering {
             color,
             shadow,
             times,
-        })
+        }
     }
 
     /// Shades the pixels' centres.
@@ -377,13 +385,21 @@ impl View {
                 let share = |k: usize| {
                     let [arrived, possible] = &shaded.arrived[k / LANES];
                     let (arrived, possible) = (arrived.0[k % LANES], possible.0[k % LANES]);
-                    if possible > 0.0 { arrived / possible } else { 1.0 }
+                    if possible > 0.0 {
+                        arrived / possible
+                    } else {
+                        1.0
+                    }
                 };
                 lit.shadow.extend((0..count).map(share));
             }
             if wanted.irradiance {
                 irradiance.extend_from_slice(&shaded.irradiance);
-                albedo.extend(points.surfaces[..points.primary_blocks].iter().map(|b| b.albedo));
+                albedo.extend(
+                    points.surfaces[..points.primary_blocks]
+                        .iter()
+                        .map(|b| b.albedo),
+                );
             }
         };
         if let Some(points) = &self.points {
@@ -395,7 +411,7 @@ impl View {
                     .direction(sample_px(self.centers.pixels[i], CENTER))
             };
             let bounces = self.settings.bounces();
-            scratch.for_each_batch(shader, hits, direction, &bounces, wanted, take);
+            scratch.for_each_batch(shader, hits, direction, bounces, wanted, take);
         }
         if let Some(skin) = &self.skin {
             let added = skin.spread(&irradiance).into_iter().zip(skin.pixels());
@@ -490,7 +506,7 @@ impl View {
                 }
             }
         };
-        scratch.for_each_batch(shader, hits, direction, &bounces, Wanted::default(), take);
+        scratch.for_each_batch(shader, hits, direction, bounces, Wanted::default(), take);
     }
 }
 
@@ -514,7 +530,11 @@ fn center_directions(camera: &Camera, pixels: &[[u32; 2]]) -> Vec<[f32; 3]> {
     pixels.iter().map(direction).collect()
 }
 
-/// Buffers of one call of [`View::shade`].
+thread_local! {
+    static SCRATCH: Cell<Option<Box<BatchScratch>>> = const { Cell::new(None) };
+}
+
+/// Buffers of [`View::shade`].
 #[derive(Default)]
 struct BatchScratch {
     directions: Vec<[f32; 3]>,
@@ -530,7 +550,7 @@ impl BatchScratch {
         shader: &Shader<'_>,
         hits: &[Hit],
         direction: impl Fn(usize) -> [f32; 3],
-        bounces: &BounceParams,
+        bounces: BounceParams,
         wanted: Wanted,
         mut take: impl FnMut(&ShadingPoints, &Shaded, usize),
     ) {

@@ -83,8 +83,7 @@ impl Shader<'_> {
                 arriving: &mut shaded.arriving,
             });
             let start = Instant::now();
-            self.scene
-                .sight(light, &shaded.arriving, &mut shaded.sight);
+            self.scene.sight(light, &shaded.arriving, &mut shaded.sight);
             shaded.shadow_time += start.elapsed();
             run(Add {
                 arriving: &shaded.arriving,
