@@ -407,7 +407,7 @@ pub struct SourceTable {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub coefficients: Option<Vec<[f64; 3]>>,
     /// Picture of an environment source, relative to the recipe: equirectangular, its middle behind a head that looks at the
-    /// viewer; Radiance HDR, OpenEXR, PNG, JPEG or WebP.
+    /// viewer; Radiance HDR, `OpenEXR`, PNG, JPEG or WebP.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub file: Option<String>,
     /// Turn of an environment or spherical harmonic about the head's vertical axis, to the subject's left, from -360 to 360

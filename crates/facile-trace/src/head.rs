@@ -271,7 +271,7 @@ fn skin_object(
     positions.clone_into(&mut mesh.positions);
     let skin = Material::skin(texture.clone());
     let lips = Material {
-        roughness: 0.32,
+        roughness: 0.4,
         ..skin.clone()
     };
     let nose = Material {

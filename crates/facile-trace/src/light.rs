@@ -239,6 +239,7 @@ impl AmbientSum {
     }
 
     /// What a surface gets.
+    #[cfg(test)]
     pub(crate) fn on(&self, normal: Vec3) -> Rgb {
         self.on_without_bend(normal) + self.bend_on(normal)
     }
@@ -490,21 +491,27 @@ impl LightSource {
             },
             Self::Hemisphere {
                 intensity, ground, ..
-            } => {
-                let ground = Rgb::from(ground) * intensity;
-                if !ground.iter().all(|v| v.is_finite() && *v >= 0.0) {
-                    let got = format!("{ground:?}");
-                    return bad("hemisphere ground", "finite numbers of at least 0", got);
-                }
-                Light::Ambient {
-                    power: (power + ground) * 0.5,
-                    slope: (power - ground) * 0.5,
-                    up: Vec3::y(),
-                }
-            }
+            } => hemisphere(power, ground, intensity)?,
             Self::SphericalHarmonic { .. } | Self::Environment { .. } => return Err(unexpected()),
         })
     }
+}
+
+/// A sky that lights a surface facing upwards to `power`, and its ground.
+fn hemisphere(power: Rgb, ground: [f32; 3], intensity: f32) -> Result<Light, TraceError> {
+    let ground = Rgb::from(ground) * intensity;
+    if !ground.iter().all(|v| v.is_finite() && *v >= 0.0) {
+        return Err(TraceError::Setting {
+            name: "hemisphere ground",
+            expected: "finite numbers of at least 0",
+            got: format!("{ground:?}"),
+        });
+    }
+    Ok(Light::Ambient {
+        power: (power + ground) * 0.5,
+        slope: (power - ground) * 0.5,
+        up: Vec3::y(),
+    })
 }
 
 /// A source that another function turns into lights: our own mistake, not the user's.

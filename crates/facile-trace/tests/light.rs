@@ -21,7 +21,11 @@ fn a_facing_wall_has_the_stated_brightness() {
     let point = light("kind = 'point'\nposition = [0, 0, 1000]\nintensity = 1");
     assert_close(middle(&[point]), Rgb::new(0.8, 0.4, 0.2), 1e-4);
     let far = light("kind = 'point'\nposition = [0, 0, 2000]\nintensity = 1");
-    assert_close(middle(&[far]), Rgb::new(0.2, 0.1, 0.05), 1e-4);
+    assert_close(
+        middle(std::slice::from_ref(&far)),
+        Rgb::new(0.2, 0.1, 0.05),
+        1e-4,
+    );
     let oblique =
         light("kind = 'directional'\ndirection = [-1, 0, -1]\nintensity = 0.5\ncolor = [1, 1, 0]");
     let cosine = std::f32::consts::FRAC_1_SQRT_2;
@@ -44,7 +48,7 @@ fn shadows_have_the_stated_place_and_tint() {
     );
     let camera = camera_at(900.0, 101, 0.3);
     let mut scene = scene_of(&wall(0.0, 150.0), Normals::Flat, [1.0; 3]);
-    let bare = render(&scene, &camera, &[lamp]).1.color;
+    let bare = render(&scene, &camera, std::slice::from_ref(&lamp)).1.color;
     let opaque = Object::new(&screen, Normals::Flat, Material::matt(Rgb::zeros())).expect("valid");
     let foil = Material::thin_glass(Rgb::new(1.0, 0.5, 0.0));
     let foil = Object::new(
@@ -66,7 +70,7 @@ fn shadows_have_the_stated_place_and_tint() {
     for (object, tint) in tints {
         scene.truncate(1);
         scene.add(object);
-        let (_, rendering) = render(&scene, &camera, &[lamp]);
+        let (_, rendering) = render(&scene, &camera, std::slice::from_ref(&lamp));
         let shadow = rendering.shadow.expect("asked for");
         for (x, y) in [(0.0, 0.0), (17.0, 0.0), (0.0, -17.0), (-17.0, 17.0)] {
             assert_close(
@@ -191,7 +195,11 @@ fn a_view_can_be_lit_again_and_lights_add_up() {
     let lamp = light("kind = 'point'\nposition = [300, 200, 500]\nintensity = 0.4");
     let sky = light("kind = 'directional'\ndirection = [0, -1, 0]\nintensity = 0.3");
     let shade = |lights: &[LightSource]| view.shade(&scene, lights).expect("valid").color;
-    let (a, b, both) = (shade(&[lamp]), shade(&[sky]), shade(&[lamp, sky]));
+    let (a, b, both) = (
+        shade(std::slice::from_ref(&lamp)),
+        shade(std::slice::from_ref(&sky)),
+        shade(&[lamp.clone(), sky]),
+    );
     for i in 0..both.as_slice().len() {
         assert_close(a.as_slice()[i] + b.as_slice()[i], both.as_slice()[i], 1e-6);
     }

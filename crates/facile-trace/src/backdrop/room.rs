@@ -28,7 +28,7 @@ pub fn room(stream: &mut RandomStream, blur: f64) -> Texture {
     }
     for _ in 0..3 + stream.index(6) {
         let shade = stream.uniform(0.05, 1.1) as f32 * light;
-        let color = tinted(stream, 0.8) * shade;
+        let color = tinted(stream, 0.45) * shade;
         let (width, height) = (stream.uniform(0.06, 0.35), stream.uniform(0.1, 0.7));
         let (x, bottom) = (stream.uniform(-0.1, 1.0), stream.uniform(0.5, 1.1));
         fill(&mut picture, [x, bottom - height, x + width, bottom], color);
@@ -56,9 +56,13 @@ fn wall_color(stream: &mut RandomStream) -> Rgb {
     tinted(stream, 0.25) * base
 }
 
-/// White tinted by at most `strength` in each channel.
+/// White, warmer or cooler by at most `strength`, a little greener or less: rooms are seldom colourful.
 fn tinted(stream: &mut RandomStream, strength: f64) -> Rgb {
-    Rgb::from_fn(|_, _| 1.0 - stream.uniform(0.0, strength) as f32)
+    let warmth = stream.uniform(-0.6, 1.0) * strength;
+    let green = stream.uniform(-0.15, 0.15) * strength;
+    let (red, blue) = (1.0 + warmth.min(0.0), 1.0 - warmth.max(0.0));
+    let green = red.midpoint(blue) + green;
+    Rgb::new(red as f32, green as f32, blue as f32)
 }
 
 fn window(picture: &mut Plane<Rgb>, stream: &mut RandomStream) {

@@ -1,4 +1,4 @@
-//! Reads environment maps: Radiance HDR, OpenEXR, and pictures of 8 bits a channel, told apart by their content.
+//! Reads environment maps: Radiance HDR, `OpenEXR`, and pictures of 8 bits a channel, told apart by their content.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -10,7 +10,7 @@ use super::{EnvironmentMap, MAX_SIDE};
 use crate::TraceError;
 
 impl EnvironmentMap {
-    /// Reads a map: Radiance HDR, OpenEXR (the first layer with red, green and blue), or a PNG, JPEG or WebP, whose sRGB
+    /// Reads a map: Radiance HDR, `OpenEXR` (the first layer with red, green and blue), or a PNG, JPEG or WebP, whose sRGB
     /// becomes linear.
     ///
     /// # Errors
@@ -92,12 +92,12 @@ fn radiance(bytes: &[u8]) -> Result<EnvironmentMap, String> {
         if line.is_empty() {
             break;
         }
-        if let Some(format) = line.strip_prefix("FORMAT=") {
-            if format != "32-bit_rle_rgbe" {
-                return Err(format!(
-                    "the HDR's format must be 32-bit_rle_rgbe, found {format}"
-                ));
-            }
+        if let Some(format) = line.strip_prefix("FORMAT=")
+            && format != "32-bit_rle_rgbe"
+        {
+            return Err(format!(
+                "the HDR's format must be 32-bit_rle_rgbe, found {format}"
+            ));
         }
     }
     let size = line().unwrap_or_default();

@@ -146,6 +146,12 @@ pub(crate) fn pushed_out(p: Point3, gap: f64, skin: &Object) -> Point3 {
     }
 }
 
+/// Signed distance of a point from the outermost skin towards the middle of the head, ears left out, mm.
+#[cfg(test)]
+pub(crate) fn gap_from_skin(p: &Point3, skin: &Object) -> Option<f64> {
+    Outwards::to(p).gap(skin)
+}
+
 /// Vertices of hair pressed under a surface worn over it: those beyond it on the ray from the middle of the head come in.
 pub(crate) fn pressed(rest: &[Point3], worn: &Object) -> Vec<Point3> {
     let press = |p: &Point3| {

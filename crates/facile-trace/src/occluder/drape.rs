@@ -1,7 +1,7 @@
 //! Cloth over a head: surgical mask, scarf, cap, hat, head band.
 //!
 //! A sheet of rays from inside the head meets its surface; the cloth is the tightest membrane outside those points: relaxed
-//! towards the mean of its neighbours, never under the surface plus its clearance.
+//! towards the threads between its neighbours, never under the surface plus its clearance.
 
 use facile_core::{Mesh, Point3, Segment, Vector3};
 
@@ -48,8 +48,11 @@ impl Membrane {
                 let (center, direction) = ray(s, row as f64 / (rows - 1) as f64);
                 sheet.centers.push(center);
                 sheet.directions.push(direction);
+                // Where there is no skin below, cloth hangs down
+                let above = sheet.radii.len().checked_sub(columns);
+                let hanging = above.map_or(0.0, |i| sheet.radii[i]);
                 let reach = fit.reach(center, direction);
-                sheet.radii.push(reach.map_or(0.0, |r| r + clearance));
+                sheet.radii.push(reach.map_or(hanging, |r| r + clearance));
             }
         }
         sheet.relax();
@@ -62,13 +65,17 @@ impl Membrane {
         for _ in 0..RELAXATIONS {
             for row in 0..rows {
                 for column in 0..n {
-                    let at = |c: usize, r: usize| self.radii[r * n + c];
+                    let at = |c: usize, r: usize| self.point(c, r);
+                    let i = row * n + column;
+                    let (center, out) = (self.centers[i], self.directions[i]);
                     let (mut sum, mut count) = (0.0, 0.0);
-                    let mut take = |pair: [Option<f64>; 2]| {
+                    let mut take = |pair: [Option<Point3>; 2]| {
                         // Only pairs of opposite neighbours pull: the rim of a sheet keeps its shape along itself
                         if let [Some(a), Some(b)] = pair {
-                            sum += a + b;
-                            count += 2.0;
+                            // Where a thread between them passes
+                            let middle: Vector3 = (a.coords + b.coords) / 2.0;
+                            sum += (middle - center.coords).dot(&out);
+                            count += 1.0;
                         }
                     };
                     let left = (column > 0 || self.is_ring).then(|| at((column + n - 1) % n, row));
@@ -77,7 +84,6 @@ impl Membrane {
                     let above = (row > 0).then(|| at(column, row - 1));
                     let below = (row + 1 < rows).then(|| at(column, row + 1));
                     take([above, below]);
-                    let i = row * n + column;
                     if count > 0.0 {
                         self.radii[i] = floor[i].max(sum / count);
                     }

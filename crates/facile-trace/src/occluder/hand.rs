@@ -4,7 +4,7 @@ use facile_core::{Mesh, Point3, Vector3};
 
 use super::Prop;
 use super::fit::FaceFit;
-use super::limb::{Station, add_limb};
+use super::limb::{ROUND, Station, add_limb};
 
 /// Distance from the face, mm.
 const CLEARANCE: f64 = 2.0;
@@ -34,7 +34,7 @@ pub(super) fn hand(style: &Prop, fit: &FaceFit<'_>) -> Mesh {
         station(0.0, 22.0, 0.0, [42.0, 13.0]),
         station(0.0, 38.0, -1.0, [38.0, 10.0]),
     ];
-    add_limb(&mut mesh, &palm, front);
+    add_limb(&mut mesh, &palm, front, ROUND);
     for ([length, width], x) in FINGERS {
         // Fingers spread, and bend towards the face
         let spread = x / 160.0;
@@ -52,7 +52,7 @@ pub(super) fn hand(style: &Prop, fit: &FaceFit<'_>) -> Mesh {
             at(0.62, -3.0, width * 0.94),
             at(0.9, -10.0, width * 0.8),
         ];
-        add_limb(&mut mesh, &stations, front);
+        add_limb(&mut mesh, &stations, front, ROUND);
     }
     let thumb = [
         station(30.0, -30.0, 2.0, [12.0, 12.0]),
@@ -60,7 +60,7 @@ pub(super) fn hand(style: &Prop, fit: &FaceFit<'_>) -> Mesh {
         station(62.0, 20.0, -6.0, [9.5, 9.5]),
         station(66.0, 38.0, -11.0, [7.5, 7.5]),
     ];
-    add_limb(&mut mesh, &thumb, front);
+    add_limb(&mut mesh, &thumb, front, ROUND);
     place(&mut mesh, style, fit);
     mesh
 }
@@ -73,7 +73,7 @@ pub(super) fn bar(style: &Prop, fit: &FaceFit<'_>) -> Mesh {
         half: [11.0, 11.0],
     };
     let stations: Vec<Station> = (-6..=6).map(|k| station(60.0 * f64::from(k))).collect();
-    add_limb(&mut mesh, &stations, Vector3::z());
+    add_limb(&mut mesh, &stations, Vector3::z(), ROUND);
     place(&mut mesh, style, fit);
     mesh
 }

@@ -4,7 +4,7 @@ use facile_core::{Mesh, Point3, Vector3};
 
 use super::Prop;
 use super::fit::FaceFit;
-use super::limb::{Station, add_limb};
+use super::limb::{ROUND, Station, add_limb};
 
 /// Steps of the bow from one cup to the other.
 const STEPS: usize = 48;
@@ -32,14 +32,14 @@ pub(super) fn headphones(style: &Prop, fit: &FaceFit<'_>) -> Mesh {
             station(inner + 25.0, radius * 0.92),
             station(inner + 31.0, radius * 0.6),
         ];
-        add_limb(&mut mesh, &cup, Vector3::y());
+        add_limb(&mut mesh, &cup, Vector3::y(), 3.0);
         cups.push(Point3::new(
             side * (inner + 18.0),
             middle.y + style.y_mm + radius * 0.8,
             middle.z,
         ));
     }
-    add_limb(&mut mesh, &bow(&cups, fit, scale), Vector3::z());
+    add_limb(&mut mesh, &bow(&cups, fit, scale), Vector3::z(), ROUND);
     mesh
 }
 
@@ -48,7 +48,7 @@ fn bow(cups: &[Point3], fit: &FaceFit<'_>, scale: f64) -> Vec<Station> {
     let (left, right) = (cups[0], cups[1]);
     let (center, half) = (
         Point3::new(
-            (left.x + right.x) / 2.0,
+            left.x.midpoint(right.x),
             left.y.midpoint(right.y),
             left.z.midpoint(right.z),
         ),

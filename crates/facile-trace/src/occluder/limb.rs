@@ -7,6 +7,9 @@ const SIDES: usize = 16;
 /// Rings of a round end.
 const CAP_RINGS: usize = 4;
 
+/// Depth of ends that are half an ellipsoid.
+pub(super) const ROUND: f64 = f64::INFINITY;
+
 /// A place on the path: where, half the width across and half the height along `up`, mm.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Station {
@@ -14,8 +17,9 @@ pub(super) struct Station {
     pub(super) half: [f64; 2],
 }
 
-/// Adds a body through stations, at least two and no two neighbours equal, with round ends. It never runs along `up`.
-pub(super) fn add_limb(mesh: &mut Mesh, stations: &[Station], up: Vector3) {
+/// Adds a body through stations, at least two and no two neighbours equal, with ends at most `depth` mm
+/// deep, [`ROUND`] for half ellipsoids. It never runs along `up`.
+pub(super) fn add_limb(mesh: &mut Mesh, stations: &[Station], up: Vector3, depth: f64) {
     let base = mesh.positions.len() as u32;
     let mut rings = 0;
     let n = stations.len();
@@ -43,7 +47,7 @@ pub(super) fn add_limb(mesh: &mut Mesh, stations: &[Station], up: Vector3) {
     let cap = |station: &Station, tangent: Vector3, step: usize, sign: f64| {
         let angle = std::f64::consts::FRAC_PI_2 * (step as f64 + 0.2) / (CAP_RINGS as f64 + 0.2);
         let (s, c) = libm::sincos(angle);
-        let depth = station.half[0].min(station.half[1]);
+        let depth = depth.min(station.half[0]).min(station.half[1]);
         (
             station.at + tangent * (sign * depth * c),
             station.half.map(|h| h * s),
@@ -93,6 +97,7 @@ mod tests {
             &mut mesh,
             &[station(0.0, 5.0), station(20.0, 5.0)],
             Vector3::y(),
+            ROUND,
         );
         let volume: f64 = (0..mesh.triangles.len())
             .map(|t| {

@@ -178,3 +178,69 @@ impl Prop {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::hair::gap_from_skin;
+    use crate::head::HeadScene;
+    use facile_core::{IdentityModel, ReferenceHead};
+
+    #[test]
+    fn nothing_cuts_into_any_face() {
+        let reference = ReferenceHead::embedded();
+        for index in 0..4 {
+            let subject = IdentityModel::embedded()
+                .sample(reference, 11, index)
+                .expect("draws");
+            let head = HeadScene::new(reference, &subject, Rgb::zeros()).expect("valid");
+            let fit = FaceFit::new(reference, &head).expect("measures");
+            let skin = &head.scene.objects()[HeadScene::SKIN];
+            for kind in PropKind::ALL {
+                for size in [0.7, 1.3] {
+                    let prop = Prop {
+                        size,
+                        ..Prop::new(kind)
+                    };
+                    let mesh = prop.mesh(&fit);
+                    assert!(mesh.triangles.len() > 50, "{kind:?}");
+                    // Loops and bands go close to the ears, whose own surface does not count
+                    let outside = mesh.positions.iter().filter(|p| p.x.abs() < 60.0);
+                    for p in outside {
+                        let gap = gap_from_skin(p, skin).unwrap_or(f64::INFINITY);
+                        assert!(
+                            gap > -0.8,
+                            "{kind:?} of size {size} on {index}: {gap} at {p}"
+                        );
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn numbers_out_of_range_are_refused() {
+        let reference = ReferenceHead::embedded();
+        let subject = IdentityModel::embedded()
+            .sample(reference, 11, 0)
+            .expect("draws");
+        let head = HeadScene::new(reference, &subject, Rgb::zeros()).expect("valid");
+        let fit = FaceFit::new(reference, &head).expect("measures");
+        for prop in [
+            Prop {
+                size: 2.0,
+                ..Prop::new(PropKind::Cap)
+            },
+            Prop {
+                y_mm: f64::NAN,
+                ..Prop::new(PropKind::Hand)
+            },
+            Prop {
+                turn_deg: 200.0,
+                ..Prop::new(PropKind::Bar)
+            },
+        ] {
+            assert!(prop.object(&fit).is_err(), "{prop:?}");
+        }
+    }
+}
