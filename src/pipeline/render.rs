@@ -77,6 +77,11 @@ impl Pipeline {
         Ok(())
     }
 
+    /// Size of a pixel on the face, mm.
+    pub(super) fn mm_per_px(&self, view: &View) -> f64 {
+        2.0 * view.distance * libm::tan(view.fov_y / 2.0) / f64::from(self.recipe().image.height)
+    }
+
     /// Traces a view.
     ///
     /// # Errors

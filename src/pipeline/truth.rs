@@ -236,8 +236,9 @@ fn hidden_by(point: &Point3, own: Segment, scene: &HeadScene, camera: &Camera) -
     let mut rest = ray;
     while let Some(hit) = scene.closest_hit(&rest, Layer::BehindOccluders) {
         let blocking = scene.objects()[hit.object as usize].segment_at(&hit);
-        // One sees through lashes
-        if blocking == Segment::Lashes {
+        // One sees through lashes and corneas
+        let is_clear = scene.objects()[hit.object as usize].is_transparent();
+        if blocking == Segment::Lashes || is_clear {
             rest.t_min = hit.t;
             continue;
         }

@@ -221,6 +221,7 @@ impl Worker {
         if is_known && pipeline.skips().shared_views {
             return Ok(());
         }
+        posed.scene.set_closeness(pipeline.mm_per_px(view))?;
         let traced = clock.time(Work::Tracing, || pipeline.trace(&posed.scene, view))?;
         let truth = clock.time(Work::Truth, || {
             pipeline.truth(&person.subject, &posed.scene, &posed.face, &traced)

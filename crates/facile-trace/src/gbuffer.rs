@@ -6,6 +6,7 @@ use crate::camera::Camera;
 use crate::interaction::{Interaction, albedo};
 use crate::lanes::LANES;
 use crate::math::{Rgb, Vec3};
+use crate::object::Object;
 use crate::ray::Hit;
 use crate::scene::Scene;
 use crate::surface::{self, SurfaceBlock};
@@ -111,10 +112,12 @@ impl GBuffer {
             pixels: centers.pixels,
         };
         let segment_id = |h: &Hit| scene.objects()[h.object as usize].segment_at(h).id();
+        // Labels do not know of pores
+        let is_smooth = !scene.objects().iter().any(Object::has_detail);
         let wants_normal = truth.normal_in_world || truth.normal_in_camera;
         let normal_in_world =
             fill.plane(wants_normal, centers.hits, [0.0; 3], |i, h| {
-                match centers.surfaces.get(i / LANES) {
+                match centers.surfaces.get(i / LANES).filter(|_| is_smooth) {
                     Some(block) => surface::lane(&block.normal, i % LANES).into(),
                     None => shading_normal(scene, camera, centers.pixels[i], h).into(),
                 }

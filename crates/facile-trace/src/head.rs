@@ -7,6 +7,7 @@ use nalgebra::{Translation3, UnitQuaternion};
 
 use crate::TraceError;
 use crate::clothes::ShirtFit;
+use crate::cornea;
 use crate::geometry::Normals;
 use crate::hair::{self, Hair, HairFit, LashFit, toned_scalp};
 use crate::material::{Albedo, Material};
@@ -32,6 +33,9 @@ pub struct HeadScene {
     /// The scene; the head's objects come first.
     pub scene: Scene,
     eyes: [Eye; 2],
+    /// Vertices of the eyeballs with the iris on their surface, mm.
+    eyeballs: Vec<Vec<Point3>>,
+    detail: f32,
     /// Number of objects of the head, hair and lashes included.
     parts: usize,
     hair: Option<WornHair>,
@@ -60,6 +64,10 @@ impl HeadScene {
     pub const LOWER_TEETH: usize = 4;
     /// Index of the tongue.
     pub const TONGUE: usize = 5;
+    /// Index of the left eye's cornea; the right one follows.
+    pub const LEFT_CORNEA: usize = 6;
+    /// Pixels smaller than this on the face, mm, show pores and corneas; those half as large show them fully.
+    pub const DETAIL_MM: f64 = 0.45;
     /// The neutral head of a subject, gaze straight on, mouth parts shown.
     ///
     /// # Errors
@@ -104,7 +112,23 @@ impl HeadScene {
         for segment in [Segment::UpperTeeth, Segment::LowerTeeth, Segment::Tongue] {
             scene.add(mouth_object(reference, segment, placed, &mouth)?);
         }
+        let mut eyeballs = Vec::new();
+        for ((eye, index), iris) in subject
+            .eyes
+            .iter()
+            .zip(Self::LEFT_EYE..)
+            .zip([Segment::LeftIris, Segment::RightIris])
+        {
+            let positions = scene.objects()[index].geometry().positions().iter();
+            eyeballs.push(positions.map(|p| Point3::from(p.cast::<f64>())).collect());
+            let dome = cornea::dome(eye.radius, iris);
+            let mut dome = Object::new(&dome, Normals::Smooth, cornea::material())?;
+            dome.set_visible(false);
+            scene.add(dome);
+        }
         let mut head = Self {
+            eyeballs,
+            detail: 0.0,
             parts: scene.objects().len(),
             hair: None,
             lashes: None,
@@ -237,8 +261,43 @@ impl HeadScene {
             let turn = UnitQuaternion::from_axis_angle(&nalgebra::Vector3::y_axis(), gaze.yaw)
                 * UnitQuaternion::from_axis_angle(&nalgebra::Vector3::x_axis(), -gaze.pitch);
             let pose = Isometry3::from_parts(Translation3::from(eye.center.coords), turn);
-            self.scene.objects_mut()[Self::LEFT_EYE + k].set_pose(&pose_from_isometry(&pose))?;
+            let pose = pose_from_isometry(&pose);
+            for index in [Self::LEFT_EYE, Self::LEFT_CORNEA] {
+                self.scene.objects_mut()[index + k].set_pose(&pose)?;
+            }
         }
+        Ok(())
+    }
+
+    /// Shows what pixels of `mm_per_px` on the face can show: pores, and irises behind corneas. Nothing at
+    /// [`Self::DETAIL_MM`] and above, which is how a head starts.
+    ///
+    /// # Errors
+    /// As [`Object::set_positions`].
+    pub fn set_closeness(&mut self, mm_per_px: f64) -> Result<(), TraceError> {
+        let detail = (2.0 * (1.0 - mm_per_px / Self::DETAIL_MM)).clamp(0.0, 1.0) as f32;
+        if detail.to_bits() == self.detail.to_bits() {
+            return Ok(());
+        }
+        for material in self.scene.objects_mut()[Self::SKIN].materials_mut() {
+            material.detail = detail;
+        }
+        if (detail > 0.0) != (self.detail > 0.0) {
+            for k in 0..2 {
+                let (eyeball, radius) = (&self.eyeballs[k], self.eyes[k].radius);
+                let flat;
+                let positions = if detail > 0.0 {
+                    flat = cornea::with_flat_iris(eyeball, radius);
+                    &flat
+                } else {
+                    eyeball
+                };
+                let objects = self.scene.objects_mut();
+                objects[Self::LEFT_EYE + k].set_positions(positions)?;
+                objects[Self::LEFT_CORNEA + k].set_visible(detail > 0.0);
+            }
+        }
+        self.detail = detail;
         Ok(())
     }
 

@@ -31,6 +31,8 @@ pub mod view;
 pub mod visibility;
 
 mod bounces;
+mod cornea;
+mod detail;
 mod direct;
 mod error;
 mod footprint;

@@ -80,6 +80,8 @@ pub struct Material {
     pub reflectivity: f32,
     /// What passes through; `None` is opaque. A transparent surface has no diffuse layer.
     pub transmission: Option<Transmission>,
+    /// Strength of pores and fine wrinkles in `[0, 1]`: tilts of the normal that texture coordinates carry; 0 for none.
+    pub detail: f32,
     /// Share of ambient light that arrives, in `[0, 1]`: below 1 for cavities, which ambient light without shadows would
     /// light too much.
     pub exposure: f32,
@@ -96,6 +98,7 @@ impl Default for Material {
             scatter_mm: Rgb::zeros(),
             reflectivity: 0.0,
             transmission: None,
+            detail: 0.0,
             exposure: 1.0,
         }
     }

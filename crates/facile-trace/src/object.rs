@@ -188,6 +188,11 @@ impl Object {
         self.materials.iter().any(Material::is_transparent)
     }
 
+    /// Whether shading tilts its normals.
+    pub(crate) fn has_detail(&self) -> bool {
+        self.is_visible && self.materials.iter().any(|m| m.detail > 0.0)
+    }
+
     /// Whether light spreads under any of its materials.
     pub(crate) fn scatters(&self) -> bool {
         self.is_visible && self.materials.iter().any(|m| m.scatter_mm.max() > 0.0)

@@ -19,6 +19,7 @@ mod tests {
     use super::*;
 
     thread_local! {
+        #[expect(clippy::box_collection, reason = "shelves hold boxes")]
         static SHELF: Cell<Option<Box<Vec<u8>>>> = const { Cell::new(None) };
     }
 

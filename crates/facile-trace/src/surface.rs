@@ -5,6 +5,7 @@
 
 use facile_core::color::LINEAR_FROM_SRGB8;
 
+use crate::detail;
 use crate::interaction::{albedo, strand_at};
 use crate::lanes::{Eight, Kernel, LANES, LaneMask, Lanes, V3, lanes_of, run};
 use crate::material::{Albedo, Material};
@@ -87,6 +88,9 @@ impl Kernel for Surfaces<'_> {
             let corners = found.corners::<L>(self.scene, hits);
             let albedo = found.albedo::<L>(&corners, &look, self.scene, hits, table);
             let mut block = found.surface::<L>(&corners, &look, albedo);
+            if found.detail != 0 {
+                detail::add(self.scene, hits, found.detail, &mut block);
+            }
             if found.hair != 0 {
                 block.strands = Some(Box::new(strands(self.scene, hits, found.hair)));
             }
@@ -174,6 +178,8 @@ struct Found<'a> {
     smooth: u32,
     /// Lanes of hair.
     hair: u32,
+    /// Lanes with pores.
+    detail: u32,
 }
 
 /// The triangles of eight hits, in the world.
@@ -196,6 +202,7 @@ impl<'a> Found<'a> {
             hit: 0,
             smooth: 0,
             hair: 0,
+            detail: 0,
         };
         for (lane, (hit, direction)) in hits.iter().zip(directions).enumerate() {
             for axis in 0..3 {
@@ -207,7 +214,9 @@ impl<'a> Found<'a> {
             found.hit |= 1 << lane;
             let object = &scene.objects()[hit.object as usize];
             found.smooth |= u32::from(!object.geometry.normals.is_empty()) << lane;
-            found.materials[lane] = Some(object.material(hit.triangle));
+            let material = object.material(hit.triangle);
+            found.detail |= u32::from(material.detail > 0.0) << lane;
+            found.materials[lane] = Some(material);
             (found.u.0[lane], found.v.0[lane]) = (hit.u, hit.v);
             found.hair |= u32::from(!object.geometry.strands.is_empty()) << lane;
         }

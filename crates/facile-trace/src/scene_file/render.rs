@@ -190,6 +190,7 @@ fn material(
                     tint,
                 })
         }),
+        detail: 0.0,
         exposure: 1.0,
     })
 }
