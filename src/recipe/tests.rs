@@ -212,3 +212,86 @@ fn the_schema_names_every_table() {
         assert!(properties.contains_key(table), "{table}");
     }
 }
+
+#[test]
+fn hair_and_clothes_are_checked() {
+    let recipe = parse(ONE).expect("valid");
+    assert!(recipe.hair.lashes && recipe.hair.styles.is_empty());
+    let e = error(&format!("[hair]\nstyles = [\"bob03\"]\n{ONE}"));
+    assert_eq!(
+        (e.line, e.message.as_str()),
+        (4, "unknown hair style `bob03`")
+    );
+    assert!(e.help.expect("help").starts_with("did you mean `bob0"));
+    let bare = parse(&format!("[hair]\non = []\n[clothes]\non = []\n{ONE}")).expect("valid");
+    assert!(bare.hair.on.is_empty() && bare.clothes.on.is_empty());
+}
+
+#[test]
+fn backgrounds_are_checked() {
+    let e = error(&format!(
+        "{ONE}[[background]]\nkind = \"gradient\"\ncolor = [1, 2, 3]\n"
+    ));
+    assert!(e.message.contains("needs the key `bottom`"), "{e}");
+    let e = error(&format!(
+        "{ONE}[[background]]\nkind = \"room\"\nblur = 0.5\n"
+    ));
+    assert_eq!(
+        (e.line, e.message.as_str()),
+        (7, "blur must be from 0 to 0.2, found 0.5")
+    );
+    let e = error(&format!(
+        "{ONE}[[background]]\nkind = \"room\"\ncolor = [1, 2, 3]\n"
+    ));
+    assert_eq!(e.line, 7);
+    let e = error(&format!(
+        "{ONE}[[background]]\nkind = \"images\"\nfiles = [\"none/*.jpg\"]\n"
+    ));
+    assert!(e.message.contains("no file matches"), "{e}");
+    let e = error(&format!(
+        "{ONE}[[background]]\nkind = \"room\"\nweight = 0\n"
+    ));
+    assert!(e.message.contains("weight over 0"), "{e}");
+}
+
+#[test]
+fn surroundings_are_read_and_checked() {
+    let light =
+        "[[light]]\nname = \"sky\"\nsources = [{ kind = \"environment\", file = \"no.hdr\" }]\n";
+    let e = error(&format!("{ONE}{light}"));
+    assert!(e.line == 7 && e.message.contains("no.hdr"), "{e}");
+    let short = "[[light]]\nname = \"x\"\nsources = [{ kind = \"spherical_harmonic\", coefficients = [[1, 1, 1]] }]\n";
+    let e = error(&format!("{ONE}{short}"));
+    assert!(e.message.starts_with("nine coefficients"), "{e}");
+}
+
+#[test]
+fn occluders_take_the_keys_of_their_kind() {
+    let hand = "[[occluder]]\nkind = \"hand\"\nx_mm = 20\nturn_deg = 15\nsize = 1.1\n";
+    let recipe = parse(&format!("{ONE}{hand}")).expect("valid");
+    let Occluder::Prop(prop) = &recipe.occluders[0] else {
+        panic!("a hand is a prop: {:?}", recipe.occluders);
+    };
+    assert_eq!((prop.x_mm, prop.turn_deg, prop.size), (20.0, 15.0, 1.1));
+    assert_eq!(recipe.occluders[0].kind(), "hand");
+    let e = error(&format!("{ONE}[[occluder]]\nkind = \"hat\"\nx_mm = 20\n"));
+    assert_eq!(e.line, 7);
+    let e = error(&format!(
+        "{ONE}[[occluder]]\nkind = \"bar\"\nturn_deg = 200\n"
+    ));
+    assert_eq!(e.message, "turn_deg must be from -180 to 180, found 200");
+    let e = error(&format!("{ONE}[[occluder]]\nkind = \"model\"\n"));
+    assert!(e.message.contains("needs the key `file`"), "{e}");
+    let e = error(&format!(
+        "{ONE}[[occluder]]\nkind = \"model\"\nfile = \"none.glb\"\n"
+    ));
+    assert!(e.line == 7 && e.message.contains("none.glb"), "{e}");
+}
+
+#[test]
+fn views_shift_and_sensors_compress_within_bounds() {
+    let e = error(&format!("{ONE}[[view]]\nshift = [0.1, 3]\n"));
+    assert_eq!(e.message, "shift must be from -1 to 1, found 3");
+    let e = error(&format!("[sensor]\njpeg_quality = 101\n{ONE}"));
+    assert_eq!(e.message, "jpeg_quality must be from 0 to 100, found 101");
+}

@@ -8,7 +8,7 @@ use super::limb::{ROUND, Station, add_limb};
 
 /// Steps of the bow from one cup to the other.
 const STEPS: usize = 48;
-const CLEARANCE: f64 = 5.0;
+const CLEARANCE: f64 = 8.0;
 
 pub(super) fn headphones(style: &Prop, fit: &FaceFit<'_>) -> Mesh {
     let scale = fit.half_eye_distance() / 29.0;
