@@ -7,9 +7,13 @@
 use super::{Pattern, Update};
 use crate::SimError;
 use crate::simd::{Kernel, dispatch};
-use crate::vector::M3;
 
-/// Rows and most columns of a tile: twelve registers of eight numbers.
+/// A block: three rows of three numbers, and one that pads them.
+pub(crate) type Block = [[f64; 4]; 3];
+/// A block of zeros.
+pub(crate) const NO_BLOCK: Block = [[0.0; 4]; 3];
+
+/// Rows and most columns of a tile: six registers of sixteen numbers, or twelve of eight.
 const ROWS: usize = 16;
 const COLUMNS: usize = 6;
 /// Numbers that are multiplied at once.
@@ -93,7 +97,7 @@ impl BlockFactor {
         &mut self,
         pattern: &Pattern,
         what: &'static str,
-        blocks: &[M3],
+        blocks: &[Block],
     ) -> Result<(), SimError> {
         self.values.fill(0.0);
         for (place, block) in self.places.iter().zip(blocks) {
@@ -177,24 +181,57 @@ impl Kernel for Numeric<'_> {
     }
 }
 
-/// Products of `ROWS` rows of a panel with `C` of its rows, over all its columns.
+/// A tile's rows of one column.
+type Strip = [f32; ROWS];
+
 #[inline(always)]
-fn tile<const C: usize>(
-    panel: &[f32],
-    leading: usize,
-    row: usize,
-    with: usize,
-) -> [[f32; ROWS]; C] {
-    let mut sums = [[0.0; ROWS]; C];
-    for column in panel.chunks_exact(leading) {
-        let (rows, factors) = (&column[row..row + ROWS], &column[with..with + C]);
-        for (sum, f) in sums.iter_mut().zip(factors) {
-            for l in 0..ROWS {
-                sum[l] += rows[l] * f;
-            }
-        }
+fn plus(sum: &Strip, rows: &Strip, factor: f32) -> Strip {
+    let mut out = *sum;
+    for l in 0..ROWS {
+        out[l] += rows[l] * factor;
     }
-    sums
+    out
+}
+
+#[inline(always)]
+fn strip(column: &[f32], row: usize) -> Strip {
+    let mut out = [0.0; ROWS];
+    out.copy_from_slice(&column[row..row + ROWS]);
+    out
+}
+
+/// Products of `ROWS` rows of a panel with six of its rows, over all its columns. Written out: a loop over the six is
+/// turned into gathers and scatters where registers are wide.
+#[inline(always)]
+fn tile_of_six(panel: &[f32], leading: usize, row: usize, with: usize) -> [Strip; 6] {
+    let zero = [0.0; ROWS];
+    let (mut a, mut b, mut c, mut d, mut e, mut f) = (zero, zero, zero, zero, zero, zero);
+    for column in panel.chunks_exact(leading) {
+        let rows = strip(column, row);
+        let by = &column[with..with + 6];
+        a = plus(&a, &rows, by[0]);
+        b = plus(&b, &rows, by[1]);
+        c = plus(&c, &rows, by[2]);
+        d = plus(&d, &rows, by[3]);
+        e = plus(&e, &rows, by[4]);
+        f = plus(&f, &rows, by[5]);
+    }
+    [a, b, c, d, e, f]
+}
+
+/// The same for three rows.
+#[inline(always)]
+fn tile_of_three(panel: &[f32], leading: usize, row: usize, with: usize) -> [Strip; 3] {
+    let zero = [0.0; ROWS];
+    let (mut a, mut b, mut c) = (zero, zero, zero);
+    for column in panel.chunks_exact(leading) {
+        let rows = strip(column, row);
+        let by = &column[with..with + 3];
+        a = plus(&a, &rows, by[0]);
+        b = plus(&b, &rows, by[1]);
+        c = plus(&c, &rows, by[2]);
+    }
+    [a, b, c]
 }
 
 /// Subtracts what an earlier supernode contributes to a panel.
@@ -227,12 +264,12 @@ fn subtract(
         let mut row = first / ROWS * ROWS;
         while row < wide + 3 * rows.len() {
             if columns == 6 {
-                let sums = tile::<6>(source, tall, row, first);
+                let sums = tile_of_six(source, tall, row, first);
                 for (k, sum) in sums.iter().enumerate() {
                     strip[k * tall + row..][..ROWS].copy_from_slice(sum);
                 }
             } else {
-                let sums = tile::<3>(source, tall, row, first);
+                let sums = tile_of_three(source, tall, row, first);
                 for (k, sum) in sums.iter().enumerate() {
                     strip[k * tall + row..][..ROWS].copy_from_slice(sum);
                 }
@@ -266,9 +303,9 @@ fn dense(own: &mut [f32], leading: usize, width: usize, height: usize) -> Result
         let mut row = j / ROWS * ROWS;
         while row < height && j > 0 {
             if columns == 6 {
-                take(rest, leading, row, &tile::<6>(done, leading, row, j));
+                take(rest, leading, row, &tile_of_six(done, leading, row, j));
             } else {
-                take(rest, leading, row, &tile::<3>(done, leading, row, j));
+                take(rest, leading, row, &tile_of_three(done, leading, row, j));
             }
             row += ROWS;
         }
