@@ -210,9 +210,21 @@ impl Volume {
         for a in 1..6usize {
             for b in 0..a {
                 let (ka, kb) = (a % 3, b % 3);
-                let (sa, sb) = (if a < 3 { 1.0 } else { -1.0 }, if b < 3 { 1.0 } else { -1.0 });
-                let c = if kb == (ka + 1) % 3 { -0.125 } else if ka == (kb + 1) % 3 { 0.125 } else { 0.0 };
-                out[q] = add(scale(self.height, c), scale(sub(scale(e[ka], sb), scale(e[kb], sa)), 1.0 / 12.0));
+                let (sa, sb) = (
+                    if a < 3 { 1.0 } else { -1.0 },
+                    if b < 3 { 1.0 } else { -1.0 },
+                );
+                let c = if kb == (ka + 1) % 3 {
+                    -0.125
+                } else if ka == (kb + 1) % 3 {
+                    0.125
+                } else {
+                    0.0
+                };
+                out[q] = add(
+                    scale(self.height, c),
+                    scale(sub(scale(e[ka], sb), scale(e[kb], sa)), 1.0 / 12.0),
+                );
                 q += 1;
             }
         }

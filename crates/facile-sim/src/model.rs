@@ -303,7 +303,11 @@ fn contacts(
 /// The lips' contacts on a subject. Beyond the corners of the lower lip there is nothing to touch.
 fn lips(template: &Template, skin: &[V3]) -> Vec<LipContact> {
     let at = |i: u32| skin[i as usize];
-    let pairs = template.margins.lip_pairs.iter().zip(&template.pattern.lips);
+    let pairs = template
+        .margins
+        .lip_pairs
+        .iter()
+        .zip(&template.pattern.lips);
     pairs
         .map(|(&(node, below), &slots)| {
             let [a, b] = below.map(at);

@@ -355,7 +355,12 @@ fn palpebral_ligaments(positions: &[V3], cage_of_node: &[u32], margins: &Margins
     for rim in &margins.lids {
         let mut places: Vec<V3> = rim.iter().map(|&v| positions[v as usize]).collect();
         places.sort_by(|a, b| a[0].total_cmp(&b[0]));
-        corners.extend([places.first(), places.last()].into_iter().flatten().copied());
+        corners.extend(
+            [places.first(), places.last()]
+                .into_iter()
+                .flatten()
+                .copied(),
+        );
     }
     cage_of_node
         .iter()

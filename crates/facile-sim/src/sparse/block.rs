@@ -99,6 +99,16 @@ impl BlockFactor {
         what: &'static str,
         blocks: &[Block],
     ) -> Result<(), SimError> {
+        self.fill(blocks);
+        dispatch(Numeric {
+            pattern,
+            factor: self,
+        })
+        .map_err(|row| SimError::Singular { what, row })
+    }
+
+    /// Copies the matrix to where its factor will be.
+    fn fill(&mut self, blocks: &[Block]) {
         self.values.fill(0.0);
         for (place, block) in self.places.iter().zip(blocks) {
             for column in 0..3 {
@@ -113,11 +123,6 @@ impl BlockFactor {
                 }
             }
         }
-        dispatch(Numeric {
-            pattern,
-            factor: self,
-        })
-        .map_err(|row| SimError::Singular { what, row })
     }
 
     /// Replaces a right-hand side, three numbers for each row in the pattern's order, by the solution.
@@ -452,6 +457,7 @@ fn three_inner(columns: [&[f32]; 3], w: &[f32]) -> [f32; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::vector::M3;
 
     /// Numbers in `[-1, 1]` without a pattern.
     fn noise(k: usize) -> f64 {
@@ -473,7 +479,7 @@ mod tests {
         }
         let n = (w * h) as usize;
         let pattern = Pattern::new(n, "sheet", pairs.iter().copied()).expect("small");
-        let mut blocks = vec![[[0.0; 3]; 3]; pattern.entries()];
+        let mut blocks = vec![NO_BLOCK; pattern.entries()];
         for i in 0..n as u32 {
             let block = &mut blocks[pattern.slot(i, i) as usize];
             for k in 0..3 {
@@ -533,6 +539,15 @@ mod tests {
             }
         }
         assert!(factor.smallest > 0.0);
+        // Registers of any width give the same bits.
+        let wide = factor.values.clone();
+        factor.fill(&blocks);
+        let plain = Numeric {
+            pattern: &pattern,
+            factor: &mut factor,
+        };
+        plain.run().expect("positive");
+        assert_eq!(factor.values, wide);
         blocks[pattern.slot(7, 7) as usize][1][1] = -1.0;
         assert!(factor.refactor(&pattern, "sheet", &blocks).is_err());
     }

@@ -9,10 +9,10 @@ mod factor;
 
 use faer::Side;
 use faer::sparse::SymbolicSparseColMatRef;
-use faer::sparse::linalg::{SupernodalThreshold, SymbolicSupernodalParams};
 use faer::sparse::linalg::cholesky::{
     CholeskySymbolicParams, SymbolicCholeskyRaw, SymmetricOrdering, factorize_symbolic_cholesky,
 };
+use faer::sparse::linalg::{SupernodalThreshold, SymbolicSupernodalParams};
 
 use crate::SimError;
 pub(crate) use block::{Block, BlockFactor, NO_BLOCK};
