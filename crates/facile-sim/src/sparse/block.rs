@@ -81,10 +81,11 @@ impl BlockFactor {
             })
             .collect();
         Self {
-            values: vec![0.0; at],
+            // A run may be read and written past its end.
+            values: vec![0.0; at + ROWS],
             panels,
             places,
-            strip: vec![0.0; COLUMNS * tallest],
+            strip: vec![0.0; COLUMNS * tallest + ROWS],
             local: vec![0; pattern.size()],
             runs: Vec::new(),
             work: vec![0.0; tallest],
@@ -161,7 +162,6 @@ impl Kernel for Numeric<'_> {
             }
             // Earlier panels are all in front of this one.
             let (before, own) = factor.values.split_at_mut(panel.at);
-            let own = &mut own[..panel.leading * width];
             for update in &pattern.updates[block.updates.0 as usize..block.updates.1 as usize] {
                 let source = &pattern.supernodes[update.source as usize];
                 let from = factor.panels[update.source as usize];
@@ -178,6 +178,7 @@ impl Kernel for Numeric<'_> {
                     (&factor.local, &mut factor.strip, &mut factor.runs),
                 );
             }
+            let own = &mut own[..panel.leading * width];
             let smallest = dense(own, panel.leading, width, height)
                 .map_err(|j| block.start as usize + j / 3)?;
             factor.smallest = factor.smallest.min(smallest);
@@ -283,17 +284,32 @@ fn subtract(
         }
         for k in 0..columns {
             let target = 3 * (rows[c + k / 3] - start) as usize + k % 3;
-            let target = &mut own[target * leading..][..leading];
+            let target = &mut own[target * leading..];
             let sums = &strip[k * tall + wide..];
             for run in &*runs {
-                let t = &mut target[run.to as usize..][..run.length as usize];
-                let sums = &sums[run.from as usize..][..run.length as usize];
-                for (t, s) in t.iter_mut().zip(sums) {
-                    *t -= s;
-                }
+                take_run(
+                    &mut target[run.to as usize..],
+                    &sums[run.from as usize..],
+                    run.length as usize,
+                );
             }
         }
         c += columns / 3;
+    }
+}
+
+/// `target -= sums`, for so many numbers. Whole registers are read and written: what lies beyond is left as it is.
+#[inline(always)]
+fn take_run(target: &mut [f32], sums: &[f32], length: usize) {
+    let mut at = 0;
+    while at < length {
+        let left = length - at;
+        let target = &mut target[at..at + ROWS];
+        let sums = &sums[at..at + ROWS];
+        for l in 0..ROWS {
+            target[l] -= if l < left { sums[l] } else { 0.0 };
+        }
+        at += ROWS;
     }
 }
 
