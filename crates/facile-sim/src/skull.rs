@@ -8,7 +8,7 @@
 
 use crate::SimError;
 use crate::layers::{Layers, area_vector};
-use crate::sparse::{Factor, Pattern};
+use crate::sparse::BandMatrix;
 use crate::vector::{V3, add, norm, scale};
 
 /// Distance of the knots in height on the reference head, mm.
@@ -21,24 +21,12 @@ const SMOOTHING: f64 = 2e-3;
 const MIN_FACING: f64 = 0.2;
 /// Largest angle with knots, rad.
 const MAX_PHI: f64 = 2.2;
-/// Entries of a row of the matrix that come at or after its diagonal: 4 rows of knots, 7 columns.
-const NEAR: usize = 28;
 
-/// The fit's residual over its right-hand side.
-const FIT_TOLERANCE: f64 = 1e-12;
-/// Steps of conjugate gradients after which the system is factored instead.
-const FIT_STEPS: usize = 60;
-
-/// The knots, the same for all subjects, and the system that fits a field to a subject.
+/// The knots, the same for all subjects.
 #[derive(Debug)]
 pub(crate) struct SkullGrid {
     rows: usize,
     columns: usize,
-    pattern: Pattern,
-    /// Factor of the reference head's system: near to that of any subject.
-    factor: Factor,
-    /// For each knot, the slots of the pairs with knots up to 3 rows above and 3 columns to either side.
-    slots: Vec<[u32; NEAR]>,
 }
 
 /// Radius over height and side.
@@ -83,7 +71,7 @@ fn heights(fascia: &[V3]) -> (f64, f64) {
 
 impl SkullGrid {
     /// Knots that cover the fascia of the reference head.
-    pub(crate) fn new(triangles: &[[u32; 3]], layers: &Layers) -> Result<Self, SimError> {
+    pub(crate) fn new(layers: &Layers) -> Self {
         let (low, high) = heights(&layers.fascia);
         let most = libm::sin(0.5 * MAX_PHI);
         let side = layers
@@ -95,33 +83,12 @@ impl SkullGrid {
             + KNOT_SIDE;
         let rows = ((high - low) / KNOT_H_MM).ceil() as usize + 3;
         let columns = (2.0 * side / KNOT_SIDE).ceil() as usize + 3;
-        let near = |i: usize, j: usize| {
-            (0..NEAR).filter_map(move |k| {
-                let (row, column) = (i + k / 7, (j + k % 7).checked_sub(3)?);
-                (row < rows && column < columns).then_some((k, (row * columns + column) as u32))
-            })
-        };
-        let knots = || (0..rows * columns).map(|at| (at, at / columns, at % columns));
-        let pairs =
-            knots().flat_map(|(at, i, j)| near(i, j).map(move |(_, other)| (at as u32, other)));
-        let pattern = Pattern::new(rows * columns, "skull field", pairs)?;
-        let mut slots = vec![[u32::MAX; NEAR]; rows * columns];
-        for (at, i, j) in knots() {
-            for (k, other) in near(i, j) {
-                slots[at][k] = pattern.slot(at as u32, other);
-            }
-        }
-        let mut grid = Self {
-            rows,
-            columns,
-            factor: Factor::new(&pattern),
-            pattern,
-            slots,
-        };
-        let (_, matrix, _) = grid.system(triangles, layers);
-        grid.factor
-            .refactor_one(&grid.pattern, "skull field", &matrix)?;
-        Ok(grid)
+        Self { rows, columns }
+    }
+
+    /// Place of a knot in the system: columns of knots one after the other, so that pairs of neighbours are near.
+    fn place(&self, row: usize, column: usize) -> usize {
+        column * self.rows + row
     }
 
     /// Fits the fascia at rest, by area-weighted least squares with a little bending energy.
@@ -130,22 +97,8 @@ impl SkullGrid {
         triangles: &[[u32; 3]],
         layers: &Layers,
     ) -> Result<HeightField, SimError> {
-        let (mut field, matrix, right) = self.system(triangles, layers);
-        field.coefficients = match self.conjugate_gradients(&matrix, &right) {
-            Some(found) => found,
-            None => {
-                let mut factor = Factor::new(&self.pattern);
-                factor.refactor_one(&self.pattern, "skull field", &matrix)?;
-                self.solve(&factor, &right)
-            }
-        };
-        Ok(field)
-    }
-
-    /// The knots on a subject, with the matrix and the right-hand side of their fit.
-    fn system(&self, triangles: &[[u32; 3]], layers: &Layers) -> (HeightField, Vec<f64>, Vec<f64>) {
         let (low, high) = heights(&layers.fascia);
-        let field = HeightField {
+        let mut field = HeightField {
             h0: low,
             per_h: (self.rows - 3) as f64 / (high - low).max(1.0),
             // Centred, so that mirrored shapes have mirrored fields.
@@ -154,104 +107,50 @@ impl SkullGrid {
             columns: self.columns,
             coefficients: Vec::new(),
         };
-        let mut matrix = vec![0.0; self.pattern.entries()];
-        let mut right = vec![0.0; self.slots.len()];
+        let knots = self.rows * self.columns;
+        let mut matrix = BandMatrix::new(knots, 3 * self.rows + 3);
+        let mut right = vec![0.0; knots];
         let mut total = 0.0;
         for s in samples(triangles, layers) {
             let (row, column, wh, ws) = field.weights(s.h, s.side);
             for a in 0..16 {
-                let at = (row + a / 4) * self.columns + column + a % 4;
-                let w = s.weight * wh[a / 4] * ws[a % 4];
+                let at = self.place(row + a % 4, column + a / 4);
+                let w = s.weight * wh[a % 4] * ws[a / 4];
                 right[at] += w * s.radius;
-                for b in 4 * (a / 4)..16 {
-                    // Pairs in one row of knots are met from both sides.
-                    if b / 4 > a / 4 || b >= a {
-                        let k = 7 * (b / 4 - a / 4) + 3 + b % 4 - a % 4;
-                        matrix[self.slots[at][k] as usize] += w * wh[b / 4] * ws[b % 4];
-                    }
+                for b in 0..=a {
+                    let other = self.place(row + b % 4, column + b / 4);
+                    matrix.add(at, other, w * wh[b % 4] * ws[b / 4]);
                 }
             }
             total += s.weight;
         }
         self.smooth(&mut matrix, total);
-        (field, matrix, right)
-    }
-
-    fn solve(&self, factor: &Factor, right: &[f64]) -> Vec<f64> {
-        let mut sides: Vec<V3> = right.iter().map(|r| [*r, 0.0, 0.0]).collect();
-        factor.solve(&self.pattern, &mut sides);
-        sides.into_iter().map(|s| s[0]).collect()
-    }
-
-    /// Solves for the coefficients with the reference head's factor as preconditioner: about ten steps, a tenth of a
-    /// factorisation. `None` for a subject whose system is too far from that of the reference.
-    fn conjugate_gradients(&self, matrix: &[f64], right: &[f64]) -> Option<Vec<f64>> {
-        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(p, q)| p * q).sum::<f64>();
-        let mut x = self.solve(&self.factor, right);
-        let product = self.times(matrix, &x);
-        let mut r: Vec<f64> = right.iter().zip(&product).map(|(b, p)| b - p).collect();
-        let mut direction = vec![0.0; x.len()];
-        let mut before = 1.0;
-        let enough = FIT_TOLERANCE * FIT_TOLERANCE * dot(right, right);
-        for _ in 0..FIT_STEPS {
-            if dot(&r, &r) <= enough {
-                return Some(x);
-            }
-            let z = self.solve(&self.factor, &r);
-            let now = dot(&r, &z);
-            for (d, z) in direction.iter_mut().zip(&z) {
-                *d = z + now / before * *d;
-            }
-            before = now;
-            let product = self.times(matrix, &direction);
-            let step = now / dot(&direction, &product);
-            if !step.is_finite() {
-                return None;
-            }
-            for (((x, r), d), p) in x.iter_mut().zip(&mut r).zip(&direction).zip(&product) {
-                *x += step * d;
-                *r -= step * p;
-            }
-        }
-        None
-    }
-
-    fn times(&self, matrix: &[f64], x: &[f64]) -> Vec<f64> {
-        let mut out = vec![0.0; x.len()];
-        for (at, slots) in self.slots.iter().enumerate() {
-            out[at] += matrix[slots[3] as usize] * x[at];
-            // What comes after the diagonal; pairs in one row of knots are met from both sides.
-            for (k, &slot) in slots.iter().enumerate().skip(4) {
-                if slot != u32::MAX {
-                    let other = at + (k / 7) * self.columns + k % 7 - 3;
-                    out[at] += matrix[slot as usize] * x[other];
-                    out[other] += matrix[slot as usize] * x[at];
-                }
-            }
-        }
-        out
+        matrix.solve("skull field", &mut right)?;
+        field.coefficients = (0..knots)
+            .map(|k| right[self.place(k / self.columns, k % self.columns)])
+            .collect();
+        Ok(field)
     }
 
     /// Adds the bending energy, `total` being the weight of all samples.
-    fn smooth(&self, matrix: &mut [f64], total: f64) {
+    fn smooth(&self, matrix: &mut BandMatrix, total: f64) {
         const BEND: [f64; 3] = [1.0, -2.0, 1.0];
-        let bend = SMOOTHING * total / self.slots.len() as f64;
+        let bend = SMOOTHING * total / (self.rows * self.columns) as f64;
         for i in 0..self.rows {
             for j in 0..self.columns {
-                let at = i * self.columns + j;
                 for a in 0..3 {
                     for b in a..3 {
                         let w = bend * BEND[a] * BEND[b];
                         if i + 2 < self.rows {
-                            let slot = self.slots[at + a * self.columns][7 * (b - a) + 3];
-                            matrix[slot as usize] += w;
+                            matrix.add(self.place(i + a, j), self.place(i + b, j), w);
                         }
                         if j + 2 < self.columns {
-                            matrix[self.slots[at + a][3 + b - a] as usize] += w;
+                            matrix.add(self.place(i, j + a), self.place(i, j + b), w);
                         }
                     }
                 }
-                matrix[self.slots[at][3] as usize] += 1e-9 * total;
+                let at = self.place(i, j);
+                matrix.add(at, at, 1e-9 * total);
             }
         }
     }
@@ -405,7 +304,7 @@ mod tests {
     #[test]
     fn the_field_meets_a_smooth_surface_and_its_gradient_is_right() {
         let (triangles, layers) = patch();
-        let grid = SkullGrid::new(&triangles, &layers).expect("a sheet");
+        let grid = SkullGrid::new(&layers);
         let field = grid.fit(&triangles, &layers).expect("positive");
         let p = [30.0, 10.0, 72.0];
         let (gap, gradient) = field.gap(p);
@@ -428,7 +327,7 @@ mod tests {
     #[test]
     fn beyond_its_border_the_field_is_constant() {
         let (triangles, layers) = patch();
-        let grid = SkullGrid::new(&triangles, &layers).expect("a sheet");
+        let grid = SkullGrid::new(&layers);
         let field = grid.fit(&triangles, &layers).expect("positive");
         let (a, b) = (field.at(900.0, 0.0), field.at(1000.0, 0.0));
         assert!((a.radius - b.radius).abs() < 1e-12 && a.over_h == 0.0);

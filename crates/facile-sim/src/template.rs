@@ -124,7 +124,7 @@ impl Template {
             ligament: palpebral_ligaments(&positions, &cage_of_node, &margins),
             margins,
             pattern,
-            skull: SkullGrid::new(&triangles, &layers)?,
+            skull: SkullGrid::new(&layers),
             actuators: Vec::new(),
             muscles: muscles.clone(),
             cage_of_node,

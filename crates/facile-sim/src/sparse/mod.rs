@@ -4,6 +4,7 @@
 //! Cholesky factorisation, because faer's kernels use fused operations where the processor has them and so give other
 //! bits on other machines; read next `factor`.
 
+mod band;
 mod block;
 mod factor;
 
@@ -15,6 +16,7 @@ use faer::sparse::linalg::cholesky::{
 use faer::sparse::linalg::{SupernodalThreshold, SymbolicSupernodalParams};
 
 use crate::SimError;
+pub(crate) use band::BandMatrix;
 pub(crate) use block::{Block, BlockFactor, NO_BLOCK};
 pub(crate) use factor::Factor;
 
