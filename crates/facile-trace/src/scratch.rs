@@ -18,17 +18,23 @@ pub(crate) fn with<T: Default, R>(shelf: &'static Shelf<T>, work: impl FnOnce(&m
 mod tests {
     use super::*;
 
+    #[derive(Default)]
+    struct Buffers {
+        bytes: Vec<u8>,
+    }
+
     thread_local! {
-        #[expect(clippy::box_collection, reason = "shelves hold boxes")]
-        static SHELF: Cell<Option<Box<Vec<u8>>>> = const { Cell::new(None) };
+        static SHELF: Cell<Option<Box<Buffers>>> = const { Cell::new(None) };
     }
 
     #[test]
     fn buffers_stay_and_calls_may_nest() {
-        with(&SHELF, |outer: &mut Vec<u8>| {
-            outer.push(1);
-            with(&SHELF, |inner: &mut Vec<u8>| assert!(inner.is_empty()));
+        with(&SHELF, |outer: &mut Buffers| {
+            outer.bytes.push(1);
+            with(&SHELF, |inner: &mut Buffers| {
+                assert!(inner.bytes.is_empty());
+            });
         });
-        with(&SHELF, |again: &mut Vec<u8>| assert_eq!(*again, [1]));
+        with(&SHELF, |again: &mut Buffers| assert_eq!(again.bytes, [1]));
     }
 }
