@@ -1,6 +1,7 @@
 """Makes the contact sheets of docs/looks.md from recipes: lights, materials close up, occluders, hair, and docs/sheet.jpg.
 
-Run: python docs/build/sheets.py [FACILE]   (default: target/release/facile; needs numpy and pillow; ten minutes on two cores)
+Run: python docs/build/sheets.py [FACILE [SHEET...]]   (default: target/release/facile, all sheets; needs numpy and pillow; some
+five minutes on two cores)
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ sources = [
     { kind = "hemisphere", intensity = 0.34 },
 ]
 """
+ROOM = '[subjects]\nsampled = {n}\n[[background]]\nkind = "room"\n'
 BUST = "[[view]]\nyaw_deg = {yaw}\nfov_y_deg = 22\ntarget_mm = [0, -35, 0]\n"
 OCCLUDERS = [
     'kind = "glasses"', 'kind = "glasses"\nshape = "round"\ndiopters = -6', 'kind = "sunglasses"', 'kind = "surgical_mask"',
@@ -72,50 +74,63 @@ def write_hdr(path: Path) -> None:
     path.write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 128 +X 256\n" + rgbe.tobytes())
 
 
+def lights(folder: Path) -> None:
+    write_hdr(folder / "sky.hdr")
+    sources = [
+        '{ kind = "point", position = [350, 420, 800], intensity = 0.9 }, { kind = "ambient", intensity = 0.12 }',
+        '{ kind = "directional", direction = [1, -0.4, -0.5], intensity = 1.0 }, { kind = "ambient", intensity = 0.1 }',
+        '{ kind = "spot", position = [0, 500, 700], target = [0, 0, 60], angle_deg = 9, softness = 0.6, intensity = 1.0 }',
+        '{ kind = "area", position = [-500, 300, 600], target = [0, 0, 0], size = [500, 500], samples = 64, intensity = 1.0 }',
+        '{ kind = "hemisphere", intensity = 0.9, color = [0.85, 0.92, 1.0] }',
+        '{ kind = "point", position = [-300, 200, -700], intensity = 1.2 }, { kind = "ambient", intensity = 0.15 }',
+        '{ kind = "environment", file = "sky.hdr", samples = 128, intensity = 0.8 }',
+        '{ kind = "environment", file = "sky.hdr", samples = 0, intensity = 0.8, turn_deg = 120 }',
+    ]
+    tables = "".join(f'[[light]]\nname = "l{i}"\nsources = [{text}]\n' for i, text in enumerate(sources))
+    body = '[subjects]\nsampled = 2\n[hair]\nstyles = ["bob02", "short02"]\n[[background]]\nkind = "environment"\n'
+    tile(generate(folder, "lights", body + tables + BUST.format(yaw=[18]), 240), 8, "lights.jpg")
+
+
+def occluders(folder: Path) -> None:
+    body = ROOM.format(n=4) + BUST.format(yaw=[22])
+    tables = "".join(f"[[occluder]]\n{text}\n" for text in OCCLUDERS)
+    tile(generate(folder, "occluders", body + STUDIO + tables, 180), len(OCCLUDERS), "occluders.jpg")
+
+
+def hair(folder: Path) -> None:
+    columns = []
+    for i, style in enumerate(STYLES):
+        chosen = f'[hair]\nstyles = ["{style}"]\ncolors = [{COLORS[i % len(COLORS)]}]\n'
+        images = generate(folder, f"hair_{style}", ROOM.format(n=2) + chosen + STUDIO + BUST.format(yaw=[25, 150]), 200)
+        columns.append(images)
+    tile([column[k] for k in (0, 1, 2) for column in columns], len(STYLES), "hair.jpg")
+
+
+def materials(folder: Path) -> None:
+    close = "[[view]]\nyaw_deg = [12]\nfov_y_deg = {fov}\ntarget_mm = {target}\n"
+    faces = generate(folder, "faces", ROOM.format(n=3) + STUDIO + close.format(fov=13, target=[0, -22, 40]), 1024)
+    eyes = generate(folder, "eyes", ROOM.format(n=3) + STUDIO + close.format(fov=3.4, target=[31, 0, 70]), 512)
+    grin = '[[expression]]\nname = "grin"\naction_units = { AU12 = 0.9, AU25 = 1.0 }\njaw_deg = 6\n'
+    mouths = generate(folder, "mouths", ROOM.format(n=1) + STUDIO + grin + close.format(fov=4.5, target=[0, -68, 75]), 512)
+    parts = Image.new("RGB", (1024, 1024))
+    for i, image in enumerate(eyes + mouths):
+        parts.paste(image, (i % 2 * 512, i // 2 * 512))
+    tile([faces[0], faces[1], parts], 3, "materials.jpg", 82)
+
+
+def sheet(folder: Path) -> None:
+    body = (
+        '[subjects]\nbuiltin = ["all"]\nsampled = 6\n[[background]]\nkind = "room"\n[[expression]]\nname = "neutral"\n[[expression]]\n'
+        'name = "smile"\n[[expression]]\nname = "surprise"\n' + STUDIO + BUST.format(yaw=[-15])
+    )
+    tile(generate(folder, "sheet", body, 168), 9, "sheet.jpg", 84)
+
+
 def main() -> None:
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        write_hdr(folder / "sky.hdr")
-        lights = [
-            '{ kind = "point", position = [350, 420, 800], intensity = 0.9 }, { kind = "ambient", intensity = 0.12 }',
-            '{ kind = "directional", direction = [1, -0.4, -0.5], intensity = 1.0 }, { kind = "ambient", intensity = 0.1 }',
-            '{ kind = "spot", position = [0, 500, 700], target = [0, 0, 60], angle_deg = 9, softness = 0.6, intensity = 1.0 }',
-            '{ kind = "area", position = [-500, 300, 600], target = [0, 0, 0], size = [500, 500], samples = 64, intensity = 1.0 }',
-            '{ kind = "hemisphere", intensity = 0.9, color = [0.85, 0.92, 1.0] }',
-            '{ kind = "point", position = [-300, 200, -700], intensity = 1.2 }, { kind = "ambient", intensity = 0.15 }',
-            '{ kind = "environment", file = "sky.hdr", samples = 128, intensity = 0.8 }',
-            '{ kind = "environment", file = "sky.hdr", samples = 0, intensity = 0.8, turn_deg = 120 }',
-        ]
-        tables = "".join(f'[[light]]\nname = "l{i}"\nsources = [{text}]\n' for i, text in enumerate(lights))
-        body = '[subjects]\nsampled = 2\n[hair]\nstyles = ["bob02", "short02"]\n[[background]]\nkind = "environment"\n'
-        tile(generate(folder, "lights", body + tables + BUST.format(yaw=[18]), 300), 8, "lights.jpg")
-        body = '[subjects]\nsampled = 4\n[[background]]\nkind = "room"\n' + BUST.format(yaw=[22])
-        tables = "".join(f"[[occluder]]\n{text}\n" for text in OCCLUDERS)
-        images = generate(folder, "occluders", body + STUDIO + tables, 200)
-        tile(images, len(OCCLUDERS), "occluders.jpg")
-        images = []
-        for i, style in enumerate(STYLES):
-            color = COLORS[i % len(COLORS)]
-            body = f'[subjects]\nsampled = 3\n[hair]\nstyles = ["{style}"]\ncolors = [{color}]\n[[background]]\nkind = "room"\n'
-            images.append(generate(folder, f"hair_{style}", body + STUDIO + BUST.format(yaw=[25, 150]), 220))
-        columns = [[column[k] for column in images] for k in (0, 1, 2, 4)]
-        tile([image for row in columns for image in row], len(STYLES), "hair.jpg")
-        close = "[[view]]\nyaw_deg = [12]\nfov_y_deg = {fov}\ntarget_mm = {target}\n"
-        room = '[subjects]\nsampled = {n}\n[[background]]\nkind = "room"\n'
-        faces = generate(folder, "faces", room.format(n=3) + STUDIO + close.format(fov=13, target=[0, -22, 40]), 1024)
-        eyes = generate(folder, "eyes", room.format(n=3) + STUDIO + close.format(fov=3.4, target=[31, 0, 70]), 512)
-        smile = '[[expression]]\nname = "grin"\naction_units = { AU12 = 0.9, AU25 = 1.0 }\njaw_deg = 6\n'
-        mouths = generate(folder, "mouths", room.format(n=1) + STUDIO + smile + close.format(fov=4.5, target=[0, -68, 75]), 512)
-        small = [image.resize((512, 512), Image.LANCZOS) for image in eyes[:3] + mouths]
-        pair = Image.new("RGB", (1024, 1024))
-        for i, image in enumerate(small):
-            pair.paste(image, (i % 2 * 512, i // 2 * 512))
-        tile([faces[0], faces[2], pair], 3, "materials.jpg", 80)
-        body = (
-            '[subjects]\nbuiltin = ["all"]\nsampled = 6\n[[background]]\nkind = "room"\n[[expression]]\nname = "neutral"\n[[expression]]\n'
-            'name = "smile"\n[[expression]]\nname = "surprise"\n' + STUDIO + BUST.format(yaw=[-15])
-        )
-        tile(generate(folder, "sheet", body, 176), 9, "sheet.jpg", 84)
+    sheets = {f.__name__: f for f in (lights, occluders, hair, materials, sheet)}
+    for name in sys.argv[2:] or sheets:
+        with tempfile.TemporaryDirectory() as folder:
+            sheets[name](Path(folder))
 
 
 if __name__ == "__main__":

@@ -9,6 +9,8 @@ use super::limb::{ROUND, Station, add_limb};
 /// Steps of the bow from one cup to the other.
 const STEPS: usize = 48;
 const CLEARANCE: f64 = 8.0;
+/// Half the width of the bow at the top, mm.
+const HALF_WIDTH: f64 = 9.0;
 
 pub(super) fn headphones(style: &Prop, fit: &FaceFit<'_>) -> Mesh {
     let scale = fit.half_eye_distance() / 29.0;
@@ -65,7 +67,12 @@ fn bow(cups: &[Point3], fit: &FaceFit<'_>, scale: f64) -> Vec<Station> {
         .filter_map(|angle| {
             let (s, c) = libm::sincos(angle);
             let direction = out(angle).try_normalize(1e-9)?;
-            let reach = fit.reach(center, direction)? + CLEARANCE;
+            // The bow is as wide as two fingers
+            let reaches = [-1.0, 0.0, 1.0].map(|edge| {
+                let from = center + Vector3::z() * (edge * HALF_WIDTH * scale);
+                fit.reach(from, direction)
+            });
+            let reach = reaches.into_iter().flatten().fold(0.0, f64::max) + CLEARANCE;
             let (x, y) = (reach * c / half, reach * s);
             (s > 0.3 && x.abs() < 0.97).then(|| y / libm::sqrt(1.0 - x * x))
         })
@@ -75,7 +82,7 @@ fn bow(cups: &[Point3], fit: &FaceFit<'_>, scale: f64) -> Vec<Station> {
             let (s, c) = libm::sincos(angle);
             Station {
                 at: center + Vector3::new(c * half, s * height, -0.06 * s * height),
-                half: [9.0 * scale * (0.45 + 0.55 * s), 2.6 * scale],
+                half: [HALF_WIDTH * scale * (0.45 + 0.55 * s), 2.6 * scale],
             }
         })
         .collect()
