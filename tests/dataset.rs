@@ -20,7 +20,7 @@ seed = 3
 [image]
 size = [48, 40]
 samples = 1
-truth = ["landmarks", "segments", "depth", "normals", "visibility", "occlusion", "amodal", "layers", "coverage"]
+truth = ["landmarks", "segments", "depth", "normals", "visibility", "occlusion"]
 
 [subjects]
 sampled = 3
