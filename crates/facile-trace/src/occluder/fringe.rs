@@ -14,7 +14,7 @@ const STEPS: usize = 12;
 pub(super) fn fringe(style: &Prop, fit: &FaceFit<'_>) -> (Mesh, Vec<Vector3>) {
     let scale = fit.half_eye_distance() / 29.0;
     let brow = fit.landmark(19).y.midpoint(fit.landmark(24).y);
-    let half_width = 58.0 * scale;
+    let half_width = 50.0 * scale;
     let (hairline, tip) = (brow + 52.0 * scale, brow - 6.0 * scale + style.y_mm);
     let length = (hairline - tip) * style.size;
     let mut stream = RandomStream::new(11, 0);
@@ -31,9 +31,13 @@ pub(super) fn fringe(style: &Prop, fit: &FaceFit<'_>) -> (Mesh, Vec<Vector3>) {
             let t = step as f64 / STEPS as f64;
             let x = s * half_width * (1.0 + 0.06 * t) + drift * t * t * scale;
             let y = root - length * reach * t;
-            let Some(z) = fit.front(x, y) else { break };
+            // Clear of the skin over the ribbon's whole width
+            let under = [-width, 0.0, width].map(|dx| fit.front(x + dx, y));
+            let Some(z) = under.into_iter().flatten().reduce(f64::max) else {
+                break;
+            };
             let bow = 4.0 * libm::sin(std::f64::consts::PI * t) + lift;
-            let center = Point3::new(x, y, z + (0.4 + bow * t.min(0.25) * 4.0) * scale);
+            let center = Point3::new(x, y, z + (1.0 + bow * t.min(0.25) * 4.0) * scale);
             let along = last.map_or(-Vector3::y(), |l: Point3| center - l);
             last = Some(center);
             let half = width * (1.0 - 0.85 * t * t);

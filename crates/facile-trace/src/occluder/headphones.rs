@@ -8,7 +8,7 @@ use super::limb::{ROUND, Station, add_limb};
 
 /// Steps of the bow from one cup to the other.
 const STEPS: usize = 48;
-const CLEARANCE: f64 = 8.0;
+const CLEARANCE: f64 = 6.0;
 /// Half the width of the bow at the top, mm.
 const HALF_WIDTH: f64 = 9.0;
 
@@ -82,7 +82,7 @@ fn bow(cups: &[Point3], fit: &FaceFit<'_>, scale: f64) -> Vec<Station> {
             let (s, c) = libm::sincos(angle);
             Station {
                 at: center + Vector3::new(c * half, s * height, -0.06 * s * height),
-                half: [HALF_WIDTH * scale * (0.45 + 0.55 * s), 2.6 * scale],
+                half: [2.6 * scale, HALF_WIDTH * scale * (0.45 + 0.55 * s)],
             }
         })
         .collect()
