@@ -10,7 +10,7 @@ use std::time::Instant;
 use serde::Serialize;
 
 use crate::Error;
-use crate::generate::alone;
+use crate::generate::on_threads;
 use crate::pipeline::{Pipeline, Worker};
 use crate::plan::Grid;
 use crate::recipe::file::Format;
@@ -187,7 +187,9 @@ fn measured(
 ) -> Result<Cost, Error> {
     let all: Vec<Result<Times, Error>> = std::thread::scope(|scope| {
         let spawned: Vec<_> = (0..threads as u64)
-            .map(|thread| scope.spawn(move || alone(|| thread_times(pipeline, grid, thread))?))
+            .map(|thread| {
+                scope.spawn(move || on_threads(1, || thread_times(pipeline, grid, thread))?)
+            })
             .collect();
         let joined = spawned.into_iter().map(std::thread::ScopedJoinHandle::join);
         joined

@@ -204,7 +204,7 @@ fn a_bad_scan_among_good_subjects_is_reported_and_the_rest_is_made() {
 fn in_every_format() -> String {
     RECIPE.replace(
         "seed = 3",
-        "seed = 3\nformats = [\"webdataset\", \"folder\"]\nimages_per_shard = 5\ncoco = true",
+        "seed = 3\nformats = [\"webdataset\", \"folder\", \"parquet\"]\nimages_per_shard = 5\ncoco = true",
     )
 }
 
@@ -506,4 +506,32 @@ fn schemes_and_boxes_agree_with_each_other() {
         );
         assert!((margin[0] - (square[0] - 0.1 * side)).abs() < 1e-3);
     }
+}
+
+#[test]
+fn samples_and_contact_sheets_are_read_back_from_every_format() {
+    let dir = tempfile::tempdir().expect("makes");
+    let mut sheets = Vec::new();
+    for format in ["folder", "webdataset", "parquet"] {
+        let formats = format!("seed = 3\nformats = [\"{format}\"]\nimages_per_shard = 5");
+        let recipe = recipe(dir.path(), &RECIPE.replace("seed = 3", &formats));
+        let output = dir.path().join(format);
+        run(&recipe, output.clone(), 2, &Unwatched);
+        for index in [0, 7, 23] {
+            let verdict = verify_sample(&output, recipe.clone(), index);
+            let verdict = verdict.unwrap_or_else(|e| panic!("{format}: {e}"));
+            assert!(verdict.bad.is_empty(), "{format}: {:?}", verdict.bad);
+            assert!(verdict.files >= 2, "{format}: {} files", verdict.files);
+        }
+        let sheet = image::open(output.join("contact_sheet.png")).expect("opens");
+        sheets.push(sheet.into_rgb8());
+        // Every cell shows an image: none is grey all over.
+        let sheet = &sheets[sheets.len() - 1];
+        assert_eq!(sheet.dimensions(), (6 * 48, 4 * 48));
+        for cell in 0..24 {
+            let (x, y) = (cell % 6 * 48 + 24, cell / 6 * 48 + 24);
+            assert_ne!(sheet.get_pixel(x, y).0, [128; 3], "{format}, cell {cell}");
+        }
+    }
+    assert!(sheets.iter().all(|s| *s == sheets[0]));
 }

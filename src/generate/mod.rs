@@ -242,14 +242,14 @@ fn caught<T>(work: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
     })
 }
 
-/// Does some work on this thread, its inner loops too.
-pub(crate) fn alone<T>(work: impl FnOnce() -> T) -> Result<T, Error> {
+/// Does some work on this thread, its inner loops on so many threads, this one among them.
+pub(crate) fn on_threads<T>(threads: usize, work: impl FnOnce() -> T) -> Result<T, Error> {
     let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(1)
+        .num_threads(threads)
         .use_current_thread()
         .build();
     let _pool = pool.map_err(|e| Error::Threads {
-        threads: 1,
+        threads,
         reason: e.to_string(),
     })?;
     Ok(work())
@@ -334,9 +334,17 @@ impl<'a> Run<'a> {
     }
 
     fn work(&self) -> Result<Summary, Error> {
+        // Where there are fewer chunks than threads the others help inside
+        let threads = self.shares.threads;
+        let units = self.queue().units.clone();
+        let chunks = units
+            .iter()
+            .take(threads)
+            .map(|u| self.units.chunks(*u).len());
+        let workers = threads.min(chunks.sum()).max(1);
         let results: Vec<Result<(), Error>> = std::thread::scope(|scope| {
-            let spawned: Vec<_> = (0..self.shares.threads)
-                .map(|thread| scope.spawn(move || self.thread(thread)))
+            let spawned: Vec<_> = (0..workers)
+                .map(|thread| scope.spawn(move || self.thread(thread, threads / workers)))
                 .collect();
             let joined = spawned.into_iter().map(std::thread::ScopedJoinHandle::join);
             joined
@@ -358,8 +366,8 @@ impl<'a> Run<'a> {
         })
     }
 
-    /// Works on chunks until none is left. Inner loops run on this thread alone.
-    fn thread(&self, thread: usize) -> Result<(), Error> {
+    /// Works on chunks until none is left, with inner loops on `inner` threads.
+    fn thread(&self, thread: usize, inner: usize) -> Result<(), Error> {
         let mut worker = Worker::new(self.pipeline.clone());
         let mut work = || -> Result<(), Error> {
             while let Some(task) = self.next(thread)? {
@@ -368,7 +376,7 @@ impl<'a> Run<'a> {
             Ok(())
         };
         // The others end after their chunks.
-        let done = alone(&mut work).and_then(|done| done);
+        let done = on_threads(inner, &mut work).and_then(|done| done);
         done.inspect_err(|_| self.is_broken.store(true, Ordering::Relaxed))
     }
 

@@ -15,7 +15,8 @@ const ROWS: usize = 4;
 /// Largest width and height of an image in it, px.
 const LARGEST_CELL: u32 = 128;
 
-/// Which images are shown: the first one from each of equal parts of the samples on.
+/// Which images are shown: one of each of equal parts of the samples, here early in its part and there late, so that not
+/// all have the same view.
 #[derive(Debug)]
 pub(super) struct Selection {
     samples: u64,
@@ -44,10 +45,8 @@ impl Selection {
 
     /// Looks at the records of the next samples; `failed` of these have none.
     pub(super) fn look_at(&mut self, records: &[String], failed: u64) {
-        let cells = (COLUMNS * ROWS) as u64;
         for record in records {
-            let due = self.shown.len() as u64 * self.samples / cells;
-            if self.passed >= due
+            if self.passed >= self.due()
                 && self.shown.len() < COLUMNS * ROWS
                 && let Ok(shown) = serde_json::from_str(record)
             {
@@ -56,6 +55,15 @@ impl Selection {
             self.passed += 1;
         }
         self.passed += failed;
+    }
+
+    /// The sample from which on the next image is taken.
+    fn due(&self) -> u64 {
+        /// The golden ratio's fraction of 2^16: its multiples are spread evenly.
+        const GOLDEN: u64 = 40_503;
+        let cells = (COLUMNS * ROWS) as u64;
+        let (part, length) = (self.shown.len() as u64, self.samples / cells);
+        part * self.samples / cells + (part * GOLDEN % 65_536) * length / 65_536
     }
 
     /// The picture; `None` without images. An image that cannot be read leaves its cell grey.
@@ -99,12 +107,15 @@ mod tests {
         selection.look_at(&first, 25);
         selection.look_at(&rest, 0);
         let shown: Vec<u64> = selection.shown.iter().map(|s| s.index).collect();
+        // One in each ten, early or late; three places fell into what failed, and are filled from what comes next
+        assert_eq!(shown[..10], [0, 16, 22, 38, 44, 50, 67, 73, 89, 95]);
+        assert_eq!(shown[10..13], [125, 126, 127]);
         assert_eq!(shown.len(), 24);
-        assert_eq!(shown[..10], [0, 10, 20, 30, 40, 50, 60, 70, 80, 90]);
-        // Three places fell into what failed: they are filled from what comes next.
-        assert_eq!(shown[10..14], [125, 126, 127, 130]);
-        let mut few = Selection::of(2);
-        few.look_at(&[record(0), record(1)], 0);
-        assert_eq!(few.shown.len(), 2);
+        // Few samples are all shown.
+        for few in [1, 2, 23, 24] {
+            let mut selection = Selection::of(few);
+            selection.look_at(&(0..few).map(record).collect::<Vec<_>>(), 0);
+            assert_eq!(selection.shown.len() as u64, few);
+        }
     }
 }

@@ -4,8 +4,8 @@ use std::fs::{self, File};
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
-use parquet::column::reader::get_typed_column_reader;
-use parquet::data_type::ByteArrayType;
+use parquet::column::reader::{ColumnReaderImpl, get_typed_column_reader};
+use parquet::data_type::{ByteArrayType, DataType, Int64Type};
 use parquet::errors::ParquetError;
 use parquet::file::reader::{FileReader as _, SerializedFileReader};
 
@@ -104,17 +104,25 @@ fn cell(path: &Path, index: u64, column: &str) -> Result<Option<Vec<u8>>, Parque
     for group in 0..reader.num_row_groups() {
         let group = reader.get_row_group(group)?;
         let rows = group.metadata().num_rows() as usize;
-        let mut numbers = Vec::new();
-        get_typed_column_reader::<parquet::data_type::Int64Type>(group.get_column_reader(indices)?)
-            .read_records(rows, None, None, &mut numbers)?;
+        let mut numbers = get_typed_column_reader(group.get_column_reader(indices)?);
+        let numbers = values::<Int64Type>(&mut numbers, rows)?;
         let Some(row) = numbers.iter().position(|n| *n == index as i64) else {
             continue;
         };
-        let mut cells = get_typed_column_reader::<ByteArrayType>(group.get_column_reader(files)?);
+        let mut cells = get_typed_column_reader(group.get_column_reader(files)?);
         cells.skip_records(row)?;
-        let mut cell = Vec::new();
-        cells.read_records(1, None, None, &mut cell)?;
-        return Ok(cell.pop().map(|bytes| bytes.data().to_vec()));
+        let cell = values::<ByteArrayType>(&mut cells, 1)?.pop();
+        return Ok(cell.map(|bytes| bytes.data().to_vec()));
     }
     Ok(None)
+}
+
+/// The next values of a column. Columns may hold nothing, as far as the schema goes, and all of ours always hold something.
+fn values<T: DataType>(
+    column: &mut ColumnReaderImpl<T>,
+    count: usize,
+) -> Result<Vec<T::T>, ParquetError> {
+    let (mut levels, mut values) = (Vec::new(), Vec::new());
+    column.read_records(count, Some(&mut levels), None, &mut values)?;
+    Ok(values)
 }
