@@ -6,6 +6,7 @@
 //! of the face themselves: fitted in turns, pose and modes drift against each other. What the population never shows
 //! is left to the smooth deformation. Source: [BPV06]; Blanz and Vetter 1999.
 
+use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
 
 use facile_core::subdivision::Stencils;
@@ -23,6 +24,13 @@ const LARGEST: f64 = 3.0;
 const SIZE_DEVIATION: f64 = 0.04;
 /// About how many goals a fit uses: it has far more than it needs.
 const USED_GOALS: usize = 900;
+/// Side of the cubes over which distances to the scan are averaged before a person is called strange, mm.
+const CUBE: f64 = 20.0;
+/// Distance, mm, that people of the model's own population leave at most after the nearest points, with noise or without.
+const FAMILIAR: f64 = 0.94;
+/// The power with which strangeness grows beyond that, and the most that it grows to.
+const STRANGENESS_POWER: f64 = 16.0;
+const STRANGEST: f64 = 5.0;
 /// Unknowns before the coefficients: rotation, translation, logarithm of the size.
 const POSE: usize = 7;
 
@@ -40,6 +48,10 @@ pub(crate) struct FineModes {
 pub(crate) struct Identity {
     pub(crate) coefficients: Vec<f64>,
     pub(crate) size: f64,
+    /// How little the modes know of this person, from 1 for one of the model's population to [`STRANGEST`]: the factor
+    /// by which their fit to the flow believes the goals less. Bent to a stranger, the modes pull places that have no
+    /// features of their own along the surface.
+    pub(crate) strangeness: f64,
 }
 
 /// The fine vertices of an identity, mm, and the unit normals of the face as it is now.
@@ -74,6 +86,7 @@ impl FineModes {
         Identity {
             coefficients: vec![0.0; self.count],
             size,
+            strangeness: 1.0,
         }
     }
 
@@ -93,7 +106,7 @@ impl FineModes {
     }
 
     /// One step: improves `identity` and returns the rigid motion of the face that brings it nearest to the goals.
-    /// How far the goals can be believed is found from their distances, within `error` mm.
+    /// How far the goals can be believed is found from their distances, within `error` mm, times the strangeness.
     pub(crate) fn step(
         &self,
         template: &Template<'_>,
@@ -110,7 +123,8 @@ impl FineModes {
             .map(|(_, g)| (g, if g.is_landmark { 1.0 } else { stride as f64 }))
             .collect();
         let Iterate { positions, normals } = *now;
-        let error = goal_error(template, now, &used).clamp(*error.start(), *error.end());
+        let error = goal_error(template, now, &used).clamp(*error.start(), *error.end())
+            * identity.strangeness;
         let unit = 1.0 / (INDEPENDENT_AREA * error * error);
         let mut system = NormalEquations::new(n);
         for (goal, count) in used {
@@ -162,6 +176,31 @@ impl FineModes {
             UnitQuaternion::from_scaled_axis(Vector3::new(step[0], step[1], step[2])),
         )
     }
+}
+
+/// How little the modes know of the person that `now` was fitted to: from the distances along the normals that remain.
+/// They are averaged over cubes first: noise averages out, and what remains is shape that the modes do not hold.
+pub(crate) fn strangeness(template: &Template<'_>, now: &Iterate<'_>, goals: &[Goal]) -> f64 {
+    let mut cubes: BTreeMap<[i32; 3], (f64, f64)> = BTreeMap::new();
+    for goal in goals {
+        let v = goal.vertex as usize;
+        if template.face[v] {
+            let at = template.reference.mesh.positions[v];
+            let weight = template.areas[v] * goal.weight;
+            let distance = now.normals[v].dot(&(goal.at - now.positions[v]));
+            let cube = [at.x, at.y, at.z].map(|c| (c / CUBE).floor() as i32);
+            let (sum, total) = cubes.entry(cube).or_default();
+            *sum += weight * distance;
+            *total += weight;
+        }
+    }
+    let (square, total) = (cubes.values())
+        .filter(|(_, weight)| *weight > 0.0)
+        .fold((0.0, 1e-9), |(square, total), (sum, weight)| {
+            (square + sum * sum / weight, total + weight)
+        });
+    let misfit = f64::sqrt(square / total);
+    libm::pow(misfit / FAMILIAR, STRANGENESS_POWER).clamp(1.0, STRANGEST)
 }
 
 /// Root mean squared distance of the goals an axis, mm.
