@@ -402,7 +402,7 @@ fn follow_flow(
         None => forward.confidence.map(|_| 0.0),
     };
     let cell = seen.map.grid.h_step;
-    let undecided = UNDECIDED / shape.identity.strangeness;
+    let undecided = UNDECIDED / shape.identity.strangeness.powi(2);
     let mut goals = Vec::new();
     for (v, p) in view.mesh.positions.iter().enumerate() {
         shape.evidence[v] = NO_EVIDENCE;
