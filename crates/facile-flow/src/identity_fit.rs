@@ -265,9 +265,12 @@ impl NormalEquations {
         }
         let n = self.n;
         for i in 0..n {
-            let [a, b, c, d, e, f] = self.waiting.each_ref().map(|row| &row[..=i]);
-            let [p, q, r, s, t, u] = self.waiting.each_ref().map(|row| row[i]);
-            let out = &mut self.matrix[i * n..=i * n + i];
+            // Lengths that the compiler sees to be equal: no check of bounds inside the loop.
+            let [a, b, c, d, e, f] = &self.waiting;
+            let (a, b, c) = (&a[..=i], &b[..=i], &c[..=i]);
+            let (d, e, f) = (&d[..=i], &e[..=i], &f[..=i]);
+            let (p, q, r, s, t, u) = (a[i], b[i], c[i], d[i], e[i], f[i]);
+            let out = &mut self.matrix[i * n..][..=i];
             for j in 0..=i {
                 out[j] += (a[j] * p + b[j] * q + c[j] * r) + (d[j] * s + e[j] * t + f[j] * u);
             }
