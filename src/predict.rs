@@ -235,19 +235,25 @@ fn thread_times(pipeline: &Arc<Pipeline>, grid: &Grid, thread: u64) -> Result<Ti
         person?;
         times.registration.add(time);
     }
-    let (person, time) = timed(|| pipeline.person(subject));
-    let (person, person_s) = (Arc::new(person?), time);
+    let (person, person_s) = timed(|| {
+        let person = pipeline.person(subject)?;
+        pipeline.make_model(&person)?;
+        Ok::<_, Error>(Arc::new(person))
+    });
+    let person = person?;
     let mut worker = Worker::new(pipeline.clone());
     worker.set_person(subject, person.clone());
     let samples = grid.subject_samples(visit);
     let groups = (samples.end - samples.start).div_ceil(grid.group_len());
     let views = grid.occluders * grid.views;
     let picks = groups.min(MEASURED_GROUPS);
-    // The first face of a person costs a scene of its own, which the others share.
-    let (scene, time) = timed(|| pipeline.head_scene(&person));
+    // The first face of a person costs a scene of its own, which the others share; trees are built once in a run.
+    let (first, built_s) = timed(|| pipeline.head_scene(&person, None));
+    let first = first?;
+    let (scene, time) = timed(|| pipeline.head_scene(&person, Some(&first)));
     scene?;
     times.person.add(person_s + time);
-    let mut head_s = time;
+    let mut head_s = built_s;
     for pick in 0..picks {
         let group = samples.start + (2 * pick + 1) * groups / (2 * picks) * grid.group_len();
         let is_moved = !recipe.scene(group)?.expression.pose.is_neutral();

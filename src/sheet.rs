@@ -8,7 +8,7 @@ use image::{Rgb, RgbImage};
 use serde::Deserialize;
 
 use crate::Error;
-use crate::write::ANNOTATIONS;
+use crate::write::{ANNOTATIONS, Manifest, Stored};
 
 /// What a cell of a sheet shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -76,6 +76,7 @@ impl Default for SheetSettings {
 /// The part of a record that a sheet needs.
 #[derive(Deserialize)]
 struct Entry {
+    index: u64,
     image: String,
     #[serde(default)]
     landmarks: std::collections::BTreeMap<String, Points>,
@@ -94,7 +95,7 @@ struct MapFile {
     file: String,
 }
 
-/// Lays out the samples of the dataset in `dir`.
+/// Lays out the samples of the dataset in `dir`, in whatever format it is stored.
 ///
 /// # Errors
 /// [`Error::Io`] if a file cannot be read, [`Error::Dataset`] if the dataset lacks what the sheet shows.
@@ -105,6 +106,8 @@ pub fn sheet(dir: &Path, settings: &SheetSettings) -> Result<RgbImage, Error> {
         path: path.clone(),
         reason,
     };
+    let manifest = Manifest::read(dir)?.ok_or_else(|| broken("without a manifest".to_owned()))?;
+    let stored = Stored::new(dir, &manifest);
     let mut cells = Vec::new();
     let mut samples = 0;
     for (i, line) in text.lines().enumerate() {
@@ -116,7 +119,7 @@ pub fn sheet(dir: &Path, settings: &SheetSettings) -> Result<RgbImage, Error> {
         samples += 1;
         let entry: Entry = serde_json::from_value(value).map_err(bad)?;
         for cell in &settings.show {
-            cells.push(draw(dir, &entry, *cell)?);
+            cells.push(draw(&stored, &entry, *cell)?);
         }
     }
     let Some(first) = cells.first() else {
@@ -146,7 +149,7 @@ pub fn sheet(dir: &Path, settings: &SheetSettings) -> Result<RgbImage, Error> {
 }
 
 /// An image scaled to fit a square cell.
-fn fitted(image: &RgbImage, size: u32) -> RgbImage {
+pub(crate) fn fitted(image: &RgbImage, size: u32) -> RgbImage {
     let (w, h) = (image.width(), image.height());
     if w.max(h) == size {
         return image.clone();
@@ -169,29 +172,25 @@ fn holds(record: &serde_json::Value, (key, wanted): &(String, String)) -> bool {
     })
 }
 
-fn open(path: &Path) -> Result<image::DynamicImage, Error> {
-    image::open(path).map_err(|e| Error::Dataset {
-        path: path.to_owned(),
-        reason: e.to_string(),
-    })
-}
-
-fn draw(dir: &Path, entry: &Entry, cell: Cell) -> Result<RgbImage, Error> {
+fn draw(stored: &Stored<'_>, entry: &Entry, cell: Cell) -> Result<RgbImage, Error> {
+    let broken = |reason: String| Error::Dataset {
+        path: Path::new(&entry.image).to_owned(),
+        reason,
+    };
+    let open = |name: &str, map: Option<&str>| {
+        let bytes = stored.file(entry.index, name, map)?;
+        image::load_from_memory(&bytes).map_err(|e| broken(e.to_string()))
+    };
     let map = || {
         let kind = cell.name();
-        entry
-            .maps
-            .get(kind)
-            .map(|m| dir.join(&m.file))
-            .ok_or_else(|| Error::Dataset {
-                path: dir.join(&entry.image),
-                reason: format!("the dataset has no map of kind `{kind}`"),
-            })
+        let map = entry.maps.get(kind);
+        let map = map.ok_or_else(|| broken(format!("the dataset has no map of kind `{kind}`")))?;
+        open(&map.file, Some(kind))
     };
     Ok(match cell {
-        Cell::Image => open(&dir.join(&entry.image))?.into_rgb8(),
+        Cell::Image => open(&entry.image, None)?.into_rgb8(),
         Cell::Landmarks => {
-            let mut image = open(&dir.join(&entry.image))?.into_rgb8();
+            let mut image = open(&entry.image, None)?.into_rgb8();
             if let Some(points) = entry.landmarks.values().next() {
                 for (px, seen) in points.px.iter().zip(&points.visibility) {
                     mark(&mut image, *px, seen == "visible");
@@ -199,15 +198,15 @@ fn draw(dir: &Path, entry: &Entry, cell: Cell) -> Result<RgbImage, Error> {
             }
             image
         }
-        Cell::Segments => colored(&open(&map()?)?.into_luma8(), segment_color),
-        Cell::Occlusion => colored(&open(&map()?)?.into_luma8(), |code| match code {
+        Cell::Segments => colored(&map()?.into_luma8(), segment_color),
+        Cell::Occlusion => colored(&map()?.into_luma8(), |code| match code {
             1 => [90, 160, 90],
             2 => [190, 60, 50],
             3 => [70, 120, 190],
             _ => [0; 3],
         }),
-        Cell::Depth => depth_image(&open(&map()?)?.into_luma16()),
-        Cell::Normals | Cell::Visibility => open(&map()?)?.into_rgb8(),
+        Cell::Depth => depth_image(&map()?.into_luma16()),
+        Cell::Normals | Cell::Visibility => map()?.into_rgb8(),
     })
 }
 

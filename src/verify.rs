@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
-use std::io::{BufRead as _, BufReader, Read};
+use std::io::{BufRead as _, BufReader, Read, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -96,7 +96,7 @@ pub fn verify_sample(root: &Path, recipe: Recipe, index: u64) -> Result<Verdict,
         files: 0,
         bad: Vec::new(),
     };
-    found.record(&sample)?;
+    found.record(&sample);
     if recipe.formats.contains(&Format::Folder) {
         for (name, bytes) in sample.files() {
             let path = root.join(name);
@@ -108,7 +108,7 @@ pub fn verify_sample(root: &Path, recipe: Recipe, index: u64) -> Result<Verdict,
         found.tar(&sample, index / manifest.samples_per_unit)?;
     }
     if recipe.formats.contains(&Format::Parquet) {
-        found.parquet(&sample, index / manifest.samples_per_unit)?;
+        found.parquet(&sample, index / manifest.samples_per_unit);
     }
     Ok(Verdict {
         files: found.files,
@@ -123,17 +123,77 @@ pub fn verify_sample(root: &Path, recipe: Recipe, index: u64) -> Result<Verdict,
 /// [`Error::Io`] if they cannot be read, [`Error::Dataset`] if there is no such line.
 pub fn sample_of_row(root: &Path, row: u64) -> Result<u64, Error> {
     let path = root.join(ANNOTATIONS);
-    let file = File::open(&path).map_err(|e| Error::io(&path, e))?;
-    let line = BufReader::new(file).lines().nth(row as usize).transpose();
-    let line = line.map_err(|e| Error::io(&path, e))?;
-    let index = line.and_then(|line| {
-        let record: serde_json::Value = serde_json::from_str(&line).ok()?;
-        record["index"].as_u64()
-    });
+    let manifest = manifest(root)?;
+    let index = if manifest.complete {
+        // Lines are in the order of samples, without those that failed
+        (row < manifest.written).then(|| {
+            let failures = manifest.failures.iter();
+            failures.fold(row, |index, failure| {
+                if failure.first <= index {
+                    index + failure.samples
+                } else {
+                    index
+                }
+            })
+        })
+    } else {
+        let file = File::open(&path).map_err(|e| Error::io(&path, e))?;
+        let line = BufReader::new(file).lines().nth(row as usize).transpose();
+        let line = line.map_err(|e| Error::io(&path, e))?;
+        line.and_then(|line| index_of(line.as_bytes()))
+    };
     index.ok_or_else(|| Error::Dataset {
         path,
         reason: format!("has no record in row {row}, counted from 0"),
     })
+}
+
+/// The number at the start of a record, `{"index":7,...`.
+fn index_of(line: &[u8]) -> Option<u64> {
+    let rest = line.strip_prefix(b"{\"index\":")?;
+    let end = rest.iter().position(|b| *b == b',')?;
+    std::str::from_utf8(&rest[..end]).ok()?.parse().ok()
+}
+
+/// The record of sample `index` in annotations, whose lines are in the order of samples: by bisection, since there may be
+/// millions.
+fn record_line(path: &Path, index: u64) -> std::io::Result<Option<Vec<u8>>> {
+    let file = File::open(path)?;
+    // The line is one of those that begin from `low` on and before `high`.
+    let (mut low, mut high) = (0, file.metadata()?.len());
+    let mut file = BufReader::new(file);
+    let mut line = Vec::new();
+    while low < high {
+        let middle = low + (high - low) / 2;
+        // The first line that begins at `middle` or behind it
+        let start = if middle == 0 {
+            file.seek(SeekFrom::Start(0))?;
+            0
+        } else {
+            file.seek(SeekFrom::Start(middle - 1))?;
+            line.clear();
+            middle - 1 + file.read_until(b'\n', &mut line)? as u64
+        };
+        line.clear();
+        let length = file.read_until(b'\n', &mut line)? as u64;
+        if length == 0 || start >= high {
+            high = middle;
+            continue;
+        }
+        match index_of(&line) {
+            Some(found) if found == index => {
+                line.pop_if(|b| *b == b'\n');
+                return Ok(Some(line));
+            }
+            Some(found) if found < index => low = start + length,
+            Some(_) => high = middle,
+            None => {
+                let reason = format!("byte {start}: expected a record");
+                return Err(std::io::Error::other(reason));
+            }
+        }
+    }
+    Ok(None)
 }
 
 fn manifest(root: &Path) -> Result<Manifest, Error> {
@@ -176,48 +236,31 @@ impl Comparison<'_> {
         self.bad.push(BadFile { path, reason });
     }
 
-    fn record(&mut self, sample: &EncodedSample) -> Result<(), Error> {
+    fn record(&mut self, sample: &EncodedSample) {
         let path = self.root.join(ANNOTATIONS);
-        let file = File::open(&path).map_err(|e| Error::io(&path, e))?;
-        let start = format!("{{\"index\":{},", sample.index);
-        let mut stored = Err(std::io::Error::other(format!(
-            "has no record of sample {}",
-            sample.index
-        )));
-        for line in BufReader::new(file).lines() {
-            let line = line.map_err(|e| Error::io(&path, e))?;
-            if line.starts_with(&start) {
-                stored = Ok(line.into_bytes());
-                break;
-            }
-        }
+        let stored = record_line(&path, sample.index).and_then(|line| {
+            let reason = format!("has no record of sample {}", sample.index);
+            line.ok_or_else(|| std::io::Error::other(reason))
+        });
         self.compare(path, stored, sample.record.as_bytes());
-        Ok(())
     }
 
-    /// Values of a table are stored one after the other, each after its length: looks for the sample's.
-    fn parquet(&mut self, sample: &EncodedSample, unit: u64) -> Result<(), Error> {
+    fn parquet(&mut self, sample: &EncodedSample, unit: u64) {
         let path = self.root.join(write::parquet_name(unit));
-        let table = fs::read(&path).map_err(|e| Error::io(&path, e))?;
-        let maps = sample.maps.iter().map(|(kind, bytes)| (*kind, &bytes[..]));
+        let file = |kind: &str| format!("{kind}.bytes");
+        let maps = sample
+            .maps
+            .iter()
+            .map(|(kind, bytes)| (file(kind), &bytes[..]));
         let values = [
-            ("image", &sample.image[..]),
-            ("record", sample.record.as_bytes()),
+            (file("image"), &sample.image[..]),
+            ("record".to_owned(), sample.record.as_bytes()),
         ];
-        for (name, made) in values.into_iter().chain(maps) {
-            let length = (made.len() as u32).to_le_bytes();
-            let is_there = (0..table.len()).any(|at| {
-                let rest = &table[at..];
-                rest.starts_with(&length) && rest[length.len()..].starts_with(made)
-            });
-            let stored = if is_there {
-                Ok(made.to_vec())
-            } else {
-                Err(std::io::Error::other("is not in the table"))
-            };
-            self.compare(path.join(name), stored, made);
+        for (column, made) in values.into_iter().chain(maps) {
+            let stored = write::table_cell(&path, sample.index, &column)
+                .and_then(|cell| cell.ok_or_else(|| std::io::Error::other("is not in the table")));
+            self.compare(path.join(column), stored, made);
         }
-        Ok(())
     }
 
     fn tar(&mut self, sample: &EncodedSample, unit: u64) -> Result<(), Error> {
@@ -227,7 +270,10 @@ impl Comparison<'_> {
             .members()
             .map(|(ending, bytes)| (format!("{:06}.{ending}", sample.index), bytes))
             .collect();
-        for entry in archive.entries().map_err(|e| Error::io(&path, e))? {
+        for entry in archive
+            .entries_with_seek()
+            .map_err(|e| Error::io(&path, e))?
+        {
             let mut entry = entry.map_err(|e| Error::io(&path, e))?;
             let name = String::from_utf8_lossy(&entry.path_bytes()).into_owned();
             if let Some(made) = made.remove(&name) {
@@ -241,5 +287,35 @@ impl Comparison<'_> {
             self.compare(path.join(name), Err(missing), bytes);
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_record_is_found_by_bisection_and_no_other() {
+        let dir = tempfile::tempdir().expect("makes");
+        let path = dir.path().join(ANNOTATIONS);
+        // Lines of very different lengths, numbers with gaps
+        let numbers: Vec<u64> = (0..60).map(|i| i * 3 + i / 7).collect();
+        let line = |n: u64| {
+            format!(
+                "{{\"index\":{n},\"more\":\"{}\"}}",
+                "x".repeat((n * n % 311) as usize)
+            )
+        };
+        let text: String = numbers.iter().map(|n| line(*n) + "\n").collect();
+        fs::write(&path, text).expect("writes");
+        for n in 0..200 {
+            let found = record_line(&path, n).expect("reads");
+            let expected = numbers.contains(&n).then(|| line(n).into_bytes());
+            assert_eq!(found, expected, "{n}");
+        }
+        fs::write(&path, "").expect("writes");
+        assert_eq!(record_line(&path, 0).expect("reads"), None);
+        fs::write(&path, "no record\n").expect("writes");
+        assert!(record_line(&path, 0).is_err());
     }
 }

@@ -4,10 +4,13 @@ mod common;
 
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
+use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use common::files;
+use facile::Recipe;
 use facile::core::rng::RandomStream;
+use facile::generate::{Options, Unwatched, Watch, generate};
 
 const RECIPE: &str = r#"
 [dataset]
@@ -90,6 +93,95 @@ fn survive(kills: usize) {
         if done >= kills {
             break;
         }
+    }
+}
+
+/// A shell's limit on the size of files stands for a full disk: writing fails in the middle of a file.
+#[cfg(unix)]
+#[test]
+fn a_full_disk_ends_the_run_with_the_file_and_leaves_no_trace() {
+    let dir = tempfile::tempdir().expect("makes");
+    std::fs::write(dir.path().join("killed.toml"), RECIPE).expect("writes");
+    assert!(start(dir.path(), "clean").wait().expect("ends").success());
+    let program = env!("CARGO_BIN_EXE_facile");
+    // Blocks of 512 bytes or of 1 kB: tar files are larger, single images are not.
+    let script = format!(
+        "trap '' XFSZ; ulimit -f 12; exec '{program}' gen killed.toml --quiet --jobs 2 --output full"
+    );
+    let full = Command::new("sh")
+        .args(["-c", &script])
+        .current_dir(dir.path())
+        .output()
+        .expect("starts");
+    let errors = String::from_utf8_lossy(&full.stderr);
+    assert!(!full.status.success());
+    assert!(
+        errors.contains(".tar") && errors.contains("too large"),
+        "{errors}"
+    );
+    assert!(!errors.contains("panicked"), "{errors}");
+    // With space again it goes on.
+    assert!(start(dir.path(), "full").wait().expect("ends").success());
+    let (clean, full) = (
+        files(&dir.path().join("clean")),
+        files(&dir.path().join("full")),
+    );
+    assert!(
+        full == clean,
+        "{} files against {}",
+        full.len(),
+        clean.len()
+    );
+}
+
+/// Removes a folder under the run after so many samples.
+struct Removes {
+    folder: std::path::PathBuf,
+    at: u64,
+    seen: std::sync::atomic::AtomicU64,
+}
+
+impl Watch for Removes {
+    fn advance(&self, samples: u64) {
+        let seen = self.seen.fetch_add(samples, Ordering::Relaxed);
+        if seen == self.at {
+            std::fs::remove_dir_all(&self.folder).expect("removes");
+        }
+    }
+}
+
+#[test]
+fn a_folder_removed_under_the_run_is_made_again() {
+    let dir = tempfile::tempdir().expect("makes");
+    let recipe = Recipe::parse(RECIPE, Path::new("killed.toml"), Path::new("")).expect("valid");
+    let run = |name: &str, watch: &dyn Watch| {
+        let options = Options {
+            output: Some(dir.path().join(name)),
+            jobs: Some(1),
+            ..Options::default()
+        };
+        generate(&recipe, &options, watch)
+    };
+    run("clean", &Unwatched).expect("runs");
+    let clean = files(&dir.path().join("clean"));
+    for removed in ["images", "webdataset", ".facile/units", ""] {
+        let name = format!("removed-{}", removed.replace(['/', '.'], "_"));
+        let watch = Removes {
+            folder: dir.path().join(&name).join(removed),
+            at: 20,
+            seen: 0.into(),
+        };
+        // Whether the run ends with an error or finds at its end that files are missing, the next one completes it.
+        drop(run(&name, &watch));
+        let summary = run(&name, &Unwatched).unwrap_or_else(|e| panic!("{removed}: {e}"));
+        assert!(
+            summary.failures.is_empty() && !summary.interrupted,
+            "{summary:?}"
+        );
+        assert!(
+            files(&dir.path().join(&name)) == clean,
+            "without {removed} the bytes differ"
+        );
     }
 }
 

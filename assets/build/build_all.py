@@ -23,6 +23,7 @@ def main() -> None:
     run(sys.executable, "build_reference.py")
     if len(sys.argv) > 1:
         run(sys.argv[1], "build_landmarks.py")
+        run(sys.argv[1], "build_mesh478.py")
     run(sys.executable, "build_identity.py")
     run(sys.executable, "build_subjects.py")
 

@@ -86,12 +86,19 @@ pub fn engine(effort: Effort) -> Result<Findings, Error> {
     if effort == Effort::Full {
         cases.extend([24, 64, 128, 512].map(|size| Case { size, ..BASE }));
         cases.extend([2, all].map(|threads| Case { threads, ..BASE }));
+        // Ten times as many of each
         cases.push(Case {
-            subjects: 8,
+            subjects: 10 * BASE.subjects,
             ..BASE
         });
-        cases.push(Case { views: 36, ..BASE });
-        cases.push(Case { lights: 20, ..BASE });
+        cases.push(Case {
+            views: 10 * BASE.views,
+            ..BASE
+        });
+        cases.push(Case {
+            lights: 10 * BASE.lights,
+            ..BASE
+        });
         cases.push(Case { lights: 1, ..BASE });
     }
     let mut by_size = Vec::new();

@@ -1,17 +1,21 @@
 //! `facile gen`
 
+use std::fmt::Write as _;
 use std::path::PathBuf;
 use std::sync::Mutex;
 use std::sync::PoisonError;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use facile::generate::{Options, Summary, Watch, generate};
+use facile::generate::{MEMORY, Options, Summary, Watch, generate};
+use facile::pipeline::{Clock, Work};
 use facile::units::Part;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::{DONE, FAILED, INTERRUPTED, RecipeArgument, Refused, output};
 
+/// Time between two drawings of the stages' bars.
+const BARS_INTERVAL: Duration = Duration::from_millis(250);
 /// Time between two lines of progress where there is no terminal.
 const LINE_INTERVAL: Duration = Duration::from_secs(10);
 
@@ -37,6 +41,9 @@ pub(super) struct Arguments {
     /// Begin nothing more once more than N samples have failed.
     #[arg(long, value_name = "N")]
     max_failures: Option<u64>,
+    /// Memory that the run may take, megabytes: with less there are fewer threads.
+    #[arg(long, value_name = "MB", default_value_t = MEMORY >> 20, value_parser = clap::value_parser!(u64).range(1..=1 << 24))]
+    memory: u64,
     /// Write a report of the run: times, caches, failures, histograms, pictures, in one HTML file.
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
@@ -57,6 +64,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<u8> {
         part: arguments.shard,
         overwrite: arguments.overwrite,
         max_failures: arguments.max_failures,
+        memory: Some(arguments.memory << 20),
         report: arguments.report.clone(),
         ..Options::default()
     };
@@ -158,6 +166,27 @@ fn event(name: &str, more: &serde_json::Value) {
     output::note(&line);
 }
 
+/// A bar for the share of each stage in the time so far, one a line.
+fn bars(clock: &Clock, failed: u64) -> String {
+    const LONGEST: f64 = 40.0;
+    let spent = Work::ALL.map(|(work, name)| (name, clock.get(work)));
+    let all: u64 = spent.iter().map(|(_, [time, _])| time).sum();
+    let mut text = String::new();
+    for (name, [time, times]) in spent.into_iter().filter(|(_, [_, times])| *times > 0) {
+        let share = time as f64 / all.max(1) as f64;
+        let bar = "█".repeat((share * LONGEST).round() as usize);
+        let _ = write!(
+            text,
+            "\n{name:>11} {bar:<40} {:>3.0} %  {times}",
+            100.0 * share
+        );
+    }
+    if failed > 0 {
+        let _ = write!(text, "\n{failed} samples failed");
+    }
+    text
+}
+
 /// Progress as a bar on a terminal and as lines elsewhere.
 struct Progress {
     bar: ProgressBar,
@@ -165,7 +194,10 @@ struct Progress {
     begun: Instant,
     done: AtomicU64,
     total: AtomicU64,
+    failed: AtomicU64,
     last_line: Mutex<Instant>,
+    /// When the bars of the stages were drawn last.
+    last_bars: Mutex<Instant>,
 }
 
 impl Progress {
@@ -181,7 +213,9 @@ impl Progress {
             begun: Instant::now(),
             done: AtomicU64::new(0),
             total: AtomicU64::new(0),
+            failed: AtomicU64::new(0),
             last_line: Mutex::new(Instant::now()),
+            last_bars: Mutex::new(Instant::now()),
         }
     }
 
@@ -194,7 +228,7 @@ impl Watch for Progress {
     fn begin(&self, total: u64, done: u64) {
         self.total.store(total, Ordering::Relaxed);
         self.done.store(done, Ordering::Relaxed);
-        let style = "{wide_bar} {human_pos}/{human_len} images, {per_sec}, {eta} left";
+        let style = "{wide_bar} {human_pos}/{human_len} images, {per_sec}, {eta} left{msg}";
         if let Ok(style) = ProgressStyle::with_template(style) {
             self.bar.set_style(style);
         }
@@ -229,6 +263,7 @@ impl Watch for Progress {
             if self.voice == Voice::Json {
                 let numbers = serde_json::json!({
                     "done": done, "samples": total, "rate_per_s": rate, "left_s": left,
+                    "failed": self.failed.load(Ordering::Relaxed),
                 });
                 event("progress", &numbers);
             } else {
@@ -236,6 +271,21 @@ impl Watch for Progress {
                     "{done}/{total} images, {rate:.1}/s, {left:.0} s left"
                 ));
             }
+        }
+    }
+
+    fn busy(&self, clock: &Clock, failed: u64) {
+        self.failed.store(failed, Ordering::Relaxed);
+        if self.bar.is_hidden() {
+            return;
+        }
+        let mut last = self
+            .last_bars
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
+        if last.elapsed() >= BARS_INTERVAL {
+            *last = Instant::now();
+            self.bar.set_message(bars(clock, failed));
         }
     }
 
@@ -249,5 +299,27 @@ impl Watch for Progress {
 
     fn stops(&self) -> bool {
         STOP.load(Ordering::Relaxed)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stages_have_bars_of_their_shares() {
+        let clock = Clock::default();
+        clock.time(Work::Shading, || {
+            std::thread::sleep(Duration::from_millis(3));
+        });
+        let text = bars(&clock, 2);
+        let lines: Vec<&str> = text.trim_start().lines().collect();
+        assert_eq!(lines.len(), 2, "{text}");
+        assert!(
+            lines[0].contains("shading")
+                && lines[0].contains(&"█".repeat(40))
+                && lines[0].contains("100 %  1")
+        );
+        assert_eq!(lines[1], "2 samples failed");
     }
 }

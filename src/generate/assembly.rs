@@ -6,13 +6,12 @@ use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use crate::Error;
 use crate::write::{EncodedSample, Failure, UnitWriter};
 
-/// Bytes of samples that wait for those before them, per unit; a thread that is further ahead waits.
-const WAITING_BYTES: usize = 64 << 20;
-
 /// A unit in the making.
 pub(super) struct Assembly<'a> {
     state: Mutex<State<'a>>,
     changed: Condvar,
+    /// Bytes of samples that may wait for those before them; a thread that is further ahead waits itself.
+    most_waiting: usize,
 }
 
 struct State<'a> {
@@ -34,7 +33,7 @@ struct Waiting {
 
 impl<'a> Assembly<'a> {
     /// A unit of `chunks` chunks.
-    pub(super) fn new(writer: UnitWriter<'a>, chunks: usize) -> Self {
+    pub(super) fn new(writer: UnitWriter<'a>, chunks: usize, most_waiting: usize) -> Self {
         Self {
             state: Mutex::new(State {
                 writer: Some(writer),
@@ -44,13 +43,17 @@ impl<'a> Assembly<'a> {
                 waiting_bytes: 0,
             }),
             changed: Condvar::new(),
+            most_waiting,
         }
     }
 
     /// Takes the next sample of a chunk. Waits while too many samples wait for those of an earlier chunk.
     pub(super) fn push(&self, chunk: usize, sample: EncodedSample) -> Result<(), Error> {
         let mut state = self.lock();
-        while state.writer.is_some() && chunk != state.next && state.waiting_bytes > WAITING_BYTES {
+        while state.writer.is_some()
+            && chunk != state.next
+            && state.waiting_bytes > self.most_waiting
+        {
             let waited = self.changed.wait(state);
             state = waited.unwrap_or_else(PoisonError::into_inner);
         }

@@ -11,9 +11,9 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 use crate::Error;
-use crate::pipeline::{Pipeline, Skips, Work, Worker};
+use crate::pipeline::{Clock, Pipeline, Skips, Work, Worker};
 use crate::plan::Grid;
-use crate::recipe::Recipe;
+use crate::recipe::{ImageSettings, Recipe};
 use crate::report::{Effort, write_report};
 use crate::units::{Part, Units};
 use crate::write::{self, Encoder, Failure, Folder, Manifest, UnitWriter};
@@ -39,6 +39,9 @@ pub struct Options {
     pub overwrite: bool,
     /// Begin nothing more once more samples than this have failed; what is in hand is finished, as on Ctrl-C.
     pub max_failures: Option<u64>,
+    /// Memory that the run may take, bytes; `None` for [`MEMORY`]. With less there are fewer threads, and threads that are
+    /// ahead of the writers wait earlier. One thread works in any case.
+    pub memory: Option<u64>,
     /// File for a report of the run, HTML; see [`crate::report`].
     pub report: Option<PathBuf>,
     /// What is not done; all of it changes no byte.
@@ -59,6 +62,41 @@ impl Options {
     }
 }
 
+/// Memory that a run takes at most if nothing else is asked for, bytes.
+pub const MEMORY: u64 = 2 << 30;
+/// What a process takes before its first thread begins, what a thread takes, and what it takes for each pixel. Measured:
+/// 70 MB, 30 MB, and 75 bytes.
+const PROCESS_BYTES: u64 = 96 << 20;
+const THREAD_BYTES: u64 = 48 << 20;
+const PIXEL_BYTES: u64 = 110;
+/// Bytes of samples that may wait for those before them, per unit: not less, and not more than is of use.
+const WAITING_BYTES: std::ops::RangeInclusive<u64> = 4 << 20..=64 << 20;
+
+/// How much of its memory a run uses for what.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Shares {
+    threads: usize,
+    /// Bytes of samples that may wait for those before them, per unit.
+    waiting: u64,
+}
+
+impl Shares {
+    /// For `threads` threads, or as many as there is memory for.
+    fn of(memory: u64, threads: usize, image: &ImageSettings) -> Self {
+        let pixels = u64::from(image.width) * u64::from(image.height);
+        let thread = THREAD_BYTES + PIXEL_BYTES * pixels + WAITING_BYTES.start();
+        let free = memory.saturating_sub(PROCESS_BYTES);
+        let threads = threads.min((free / thread) as usize).max(1);
+        // As many units are in the making as there are threads, or one more.
+        let left = free.saturating_sub(threads as u64 * (thread - WAITING_BYTES.start()));
+        let waiting = left / (threads as u64 + 1);
+        Self {
+            threads,
+            waiting: waiting.clamp(*WAITING_BYTES.start(), *WAITING_BYTES.end()),
+        }
+    }
+}
+
 /// Hears of a run's progress, from any thread.
 pub trait Watch: Sync {
     /// The run begins: `total` samples, of which `done` are there already.
@@ -69,6 +107,11 @@ pub trait Watch: Sync {
     /// So many samples more are finished.
     fn advance(&self, samples: u64) {
         let _ = samples;
+    }
+
+    /// Where the time went so far, and how many samples have failed. Called often.
+    fn busy(&self, clock: &Clock, failed: u64) {
+        let _ = (clock, failed);
     }
 
     /// Something the user should know.
@@ -134,12 +177,21 @@ impl Summary {
 pub fn generate(recipe: &Recipe, options: &Options, watch: &dyn Watch) -> Result<Summary, Error> {
     let begun = Instant::now();
     let pipeline = Arc::new(Pipeline::with(recipe.clone(), options.skips)?);
-    let threads = match options.jobs.unwrap_or(0) {
+    let asked = match options.jobs.unwrap_or(0) {
         0 => std::thread::available_parallelism().map_or(1, usize::from),
         n => n,
     };
-    let mut summary = made(&pipeline, options, threads, watch)?;
-    summary.effort = Effort::of(&pipeline, begun.elapsed(), threads);
+    let memory = options.memory.unwrap_or(MEMORY);
+    let shares = Shares::of(memory, asked, &recipe.image);
+    if shares.threads < asked {
+        watch.notice(&format!(
+            "{} threads instead of {asked}: {} MB of memory do not hold more",
+            shares.threads,
+            memory >> 20
+        ));
+    }
+    let mut summary = made(&pipeline, options, shares, watch)?;
+    summary.effort = Effort::of(&pipeline, begun.elapsed(), shares.threads);
     if let Some(path) = &options.report {
         write_report(path, &pipeline, &summary)?;
     }
@@ -149,7 +201,7 @@ pub fn generate(recipe: &Recipe, options: &Options, watch: &dyn Watch) -> Result
 fn made(
     pipeline: &Arc<Pipeline>,
     options: &Options,
-    threads: usize,
+    shares: Shares,
     watch: &dyn Watch,
 ) -> Result<Summary, Error> {
     let recipe = pipeline.recipe();
@@ -176,7 +228,7 @@ fn made(
     let manifest = Manifest::new(recipe, pipeline.recipe_hash(), part);
     let folder = Folder::open(&output, manifest, options.overwrite)?;
     let max_failures = options.max_failures.unwrap_or(u64::MAX);
-    Run::begin(pipeline, &folder, units, part, threads, max_failures, watch)?.work(threads)
+    Run::begin(pipeline, &folder, units, part, shares, max_failures, watch)?.work()
 }
 
 /// Runs what may only fail with an error, and makes one of a panic: a bug in one sample must not end a night's run.
@@ -224,6 +276,7 @@ struct Run<'a> {
     made: AtomicU64,
     failed: AtomicU64,
     max_failures: u64,
+    shares: Shares,
     /// Whether the folder could not be written.
     is_broken: AtomicBool,
 }
@@ -243,7 +296,7 @@ impl<'a> Run<'a> {
         folder: &'a Folder,
         units: Units,
         part: Option<Part>,
-        threads: usize,
+        shares: Shares,
         max_failures: u64,
         watch: &'a dyn Watch,
     ) -> Result<Self, Error> {
@@ -265,7 +318,7 @@ impl<'a> Run<'a> {
             units,
             samples,
             kept,
-            people: People::new(pipeline, threads as u64, end),
+            people: People::new(pipeline, shares.threads as u64, end),
             queue: Mutex::new(Queue {
                 units: todo,
                 tasks: VecDeque::new(),
@@ -275,13 +328,14 @@ impl<'a> Run<'a> {
             made: AtomicU64::new(0),
             failed: AtomicU64::new(0),
             max_failures,
+            shares,
             is_broken: AtomicBool::new(false),
         })
     }
 
-    fn work(&self, threads: usize) -> Result<Summary, Error> {
+    fn work(&self) -> Result<Summary, Error> {
         let results: Vec<Result<(), Error>> = std::thread::scope(|scope| {
-            let spawned: Vec<_> = (0..threads)
+            let spawned: Vec<_> = (0..self.shares.threads)
                 .map(|thread| scope.spawn(move || self.thread(thread)))
                 .collect();
             let joined = spawned.into_iter().map(std::thread::ScopedJoinHandle::join);
@@ -333,7 +387,11 @@ impl<'a> Run<'a> {
             };
             let chunks = self.units.chunks(unit);
             let writer = UnitWriter::new(self.folder, unit)?;
-            let assembly = Arc::new(Assembly::new(writer, chunks.len()));
+            let assembly = Arc::new(Assembly::new(
+                writer,
+                chunks.len(),
+                self.shares.waiting as usize,
+            ));
             let tasks = chunks.into_iter().enumerate().map(|(chunk, samples)| Task {
                 assembly: assembly.clone(),
                 chunk,
@@ -384,6 +442,7 @@ impl<'a> Run<'a> {
                     clock.time(Work::Writing, || task.assembly.push(task.chunk, sample))?;
                     self.made.fetch_add(1, Ordering::Relaxed);
                     self.watch.advance(1);
+                    self.watch.busy(clock, self.failed.load(Ordering::Relaxed));
                     index += 1;
                 }
                 Err(e) => {
@@ -449,5 +508,28 @@ impl<'a> Run<'a> {
 
     fn queue(&self) -> MutexGuard<'_, Queue<'a>> {
         self.queue.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn memory_decides_on_threads_and_on_what_may_wait() {
+        let text = "[dataset]\nname = \"m\"\n[image]\nsize = [256, 256]\n[subjects]\nsampled = 1\n";
+        let mut image = Recipe::parse(text, "m.toml".as_ref(), "".as_ref())
+            .expect("valid")
+            .image;
+        let usual = Shares::of(MEMORY, 8, &image);
+        assert_eq!((usual.threads, usual.waiting), (8, 64 << 20));
+        let little = Shares::of(256 << 20, 8, &image);
+        assert!(
+            little.threads < 4 && little.waiting < 64 << 20,
+            "{little:?}"
+        );
+        assert_eq!(Shares::of(0, 8, &image).threads, 1);
+        (image.width, image.height) = (4096, 4096);
+        assert_eq!(Shares::of(MEMORY, 8, &image).threads, 1);
     }
 }

@@ -24,7 +24,7 @@ impl Pipeline {
     /// The face of `person` in a pose, solved for or from the cache.
     ///
     /// # Errors
-    /// [`Error::Sim`] if no equilibrium is found.
+    /// [`Error::Sim`] if no equilibrium is found, or the face cannot carry muscles.
     pub fn face(&self, person: &Person, pose: &Pose, solver: &mut Solver) -> Result<Face, Error> {
         let (skips, is_moved) = (self.skips(), !pose.is_neutral());
         let at_rest = || Face {
@@ -34,11 +34,8 @@ impl Pipeline {
             certificate: None,
         };
         // A neutral face is not simulated.
-        let Some(model) = person
-            .model
-            .as_ref()
-            .filter(|_| is_moved || !skips.faces_at_rest)
-        else {
+        let rig = self.rig.as_ref();
+        let Some(rig) = rig.filter(|_| is_moved || !skips.faces_at_rest) else {
             return Ok(at_rest());
         };
         let solver_kind = self.recipe().solver;
@@ -48,6 +45,7 @@ impl Pipeline {
         {
             return Ok(face);
         }
+        let model = person.model(rig, self.reference())?;
         let solved = solver.solve(model, pose, &SolverParams::of(solver_kind))?;
         let face = Face {
             positions: solved.positions,

@@ -11,7 +11,7 @@ use facile_core::identity::IdentityModel;
 use facile_core::io::{self, Scan};
 use facile_core::{ReferenceHead, Subject, builtin};
 use facile_flow::{Registrar, RegistrationParams, RegistrationReport, ScanLandmarks};
-use facile_sim::FaceModel;
+use facile_sim::{FaceModel, FaceRig};
 
 use super::Pipeline;
 use super::cache::{Cache, Counts};
@@ -62,18 +62,52 @@ pub struct Person {
     pub kind: &'static str,
     /// How well the scan was registered; `None` for drawn identities.
     pub registration: Option<RegistrationReport>,
-    /// What moves the face; `None` where every face of the recipe is at rest.
-    pub model: Option<FaceModel>,
+    /// What moves the face, made for the first equilibrium that is solved for.
+    model: OnceLock<FaceModel>,
     /// What the user should know of how the scan was read.
     pub notices: Vec<String>,
+}
+
+impl Person {
+    /// Prepares a subject that is there already.
+    pub fn new(
+        subject: Subject,
+        kind: &'static str,
+        registration: Option<RegistrationReport>,
+        notices: Vec<String>,
+    ) -> Self {
+        Self {
+            shape: equilibria::shape(&subject),
+            subject,
+            kind,
+            registration,
+            model: OnceLock::new(),
+            notices,
+        }
+    }
+
+    /// What moves the face. A person whose equilibria are all in the cache needs none.
+    ///
+    /// # Errors
+    /// [`Error::Sim`] for a face that cannot carry muscles.
+    pub(super) fn model(
+        &self,
+        rig: &FaceRig,
+        reference: &ReferenceHead,
+    ) -> Result<&FaceModel, Error> {
+        if let Some(model) = self.model.get() {
+            return Ok(model);
+        }
+        let model = rig.model(reference, &self.subject)?;
+        Ok(self.model.get_or_init(|| model))
+    }
 }
 
 impl Pipeline {
     /// Prepares subject number `subject` of the recipe.
     ///
     /// # Errors
-    /// [`Error::Core`] for a scan that cannot be read, [`Error::Flow`] for one that shows no face, [`Error::Sim`] for a
-    /// face that cannot carry muscles.
+    /// [`Error::Core`] for a scan that cannot be read, [`Error::Flow`] for one that shows no face.
     pub fn person(&self, subject: u64) -> Result<Person, Error> {
         let source = self.recipe().subjects.get(subject);
         let (kind, registered) = match &source {
@@ -85,32 +119,14 @@ impl Pipeline {
         };
         let mut subject_value = registered.subject;
         subject_value.id = self.subject_id(subject);
-        self.person_of(subject_value, kind, registered.report, registered.notices)
+        let (report, notices) = (registered.report, registered.notices);
+        Ok(Person::new(subject_value, kind, report, notices))
     }
 
-    /// Prepares a subject that is there already.
-    ///
-    /// # Errors
-    /// [`Error::Sim`] for a face that cannot carry muscles.
-    pub fn person_of(
-        &self,
-        subject: Subject,
-        kind: &'static str,
-        registration: Option<RegistrationReport>,
-        notices: Vec<String>,
-    ) -> Result<Person, Error> {
+    /// Makes what moves the face of `person` now, if faces of this recipe move, so that this can be timed.
+    pub(crate) fn make_model(&self, person: &Person) -> Result<(), Error> {
         let rig = self.rig.as_ref();
-        let model = rig
-            .map(|rig| rig.model(self.reference(), &subject))
-            .transpose()?;
-        Ok(Person {
-            shape: equilibria::shape(&subject),
-            subject,
-            kind,
-            registration,
-            model,
-            notices,
-        })
+        rig.map_or(Ok(()), |rig| person.model(rig, self.reference()).map(drop))
     }
 
     /// The name of a subject in records: of its file or its own, with a number if another has the same.

@@ -4,7 +4,9 @@ use facile_core::color::LINEAR_FROM_SRGB8;
 use facile_core::{Point3, Vector3};
 use facile_trace::math::Rgb;
 use facile_trace::occluder::FaceFit;
-use facile_trace::{Camera, HeadScene, RenderSettings, Truth as TraceTruth, View as TracedView};
+use facile_trace::{
+    Camera, HeadScene, Object, RenderSettings, Truth as TraceTruth, View as TracedView,
+};
 
 use super::{Face, Person, Pipeline};
 use crate::Error;
@@ -17,13 +19,18 @@ fn linear(srgb: [u8; 3]) -> Rgb {
 }
 
 impl Pipeline {
-    /// The scene of a person's head at rest, without occluders.
+    /// The scene of a person's head at rest, without occluders. `last` is that of someone else, whose trees it takes.
     ///
     /// # Errors
     /// [`Error::Trace`] for a subject that cannot be rendered.
-    pub fn head_scene(&self, person: &Person) -> Result<HeadScene, Error> {
+    pub fn head_scene(
+        &self,
+        person: &Person,
+        last: Option<&HeadScene>,
+    ) -> Result<HeadScene, Error> {
         let background = linear(self.recipe().image.background);
-        Ok(HeadScene::new(
+        Ok(HeadScene::like(
+            last.filter(|_| self.skips().moved_scenes),
             self.reference(),
             &person.subject,
             background,
@@ -43,25 +50,23 @@ impl Pipeline {
         Ok(())
     }
 
-    /// Puts an occluder in front of the face.
+    /// What an occluder puts in front of the face of a scene.
     ///
     /// # Errors
     /// [`Error::Trace`] if it does not fit.
-    pub fn add_occluder(&self, scene: &mut HeadScene, occluder: &Occluder) -> Result<(), Error> {
-        fn fit<'a>(p: &Pipeline, scene: &'a HeadScene) -> Result<FaceFit<'a>, Error> {
-            Ok(FaceFit::new(p.reference(), scene)?)
-        }
-        let objects = match occluder {
+    pub fn occluder_objects(
+        &self,
+        scene: &HeadScene,
+        occluder: &Occluder,
+    ) -> Result<Vec<Object>, Error> {
+        let fit = || FaceFit::new(self.reference(), scene);
+        Ok(match occluder {
             Occluder::None => Vec::new(),
             Occluder::Glasses(style) | Occluder::Sunglasses(style) => {
-                style.objects(&fit(self, scene)?)?.into()
+                style.objects(&fit()?)?.into()
             }
-            Occluder::Cloth(drape) => vec![drape.object(&fit(self, scene)?)?],
-        };
-        for object in objects {
-            scene.scene.add(object);
-        }
-        Ok(())
+            Occluder::Cloth(drape) => vec![drape.object(&fit()?)?],
+        })
     }
 
     /// Traces a view.

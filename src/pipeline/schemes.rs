@@ -5,6 +5,7 @@
 //! | `five`, `ibug68` | carried by the reference head |
 //! | `ibug51` | `ibug68` without the jaw |
 //! | `wflw98` | the order of WFLW (W. Wu et al. 2018): contour, brows and lids by arc length along the curves through the points of `ibug68`, the lower edge of the brows from their class, pupils from the eyeballs |
+//! | `mesh478` | the order of `MediaPipe`'s face mesh with irises: 468 points found on renders of the reference head (`assets/build/build_mesh478.py`), then the middle of each iris and four points on its edge |
 //! | `dense` | every vertex of the reference mesh |
 //!
 //! `ibug68_contour` and `wflw98_contour` place the points of the jaw where annotators of photographs do: where a line
@@ -12,14 +13,19 @@
 
 use std::collections::BTreeSet;
 
-use facile_core::{LandmarkScheme, Mesh, Point3, ReferenceHead, Segment, Subject, SurfacePoint};
+use facile_core::{
+    LandmarkScheme, Mesh, Point3, ReferenceHead, Segment, Subject, SurfacePoint, UnitQuaternion,
+    Vector3,
+};
 use facile_trace::Camera;
-use facile_trace::head::Gaze;
+use facile_trace::head::{Gaze, IRIS_RADIUS_SHARE};
 
 use super::Face;
 
 /// What follows the name of a scheme whose jaw lies on the contour.
 const CONTOUR: &str = "_contour";
+/// Places of the first 468 points of `mesh478` on the reference head, mm, with the class of those on lips and lids.
+const MESH478: &str = include_str!("../../assets/landmarks/mesh478.csv");
 /// Points of the jaw in `ibug68`.
 const JAW: usize = 17;
 /// Places along each line from ear to nose, and how far towards the nose it goes, as a share of the angle.
@@ -33,6 +39,8 @@ enum Mark {
     Surface(SurfacePoint),
     /// Where the gaze of the left (0) or right (1) eye leaves the eyeball.
     Pupil(usize),
+    /// On the edge of the iris of the left (0) or right (1) eye: quarters of a turn from the subject's left, over the top.
+    Iris(usize, usize),
     /// Of these the one that lies furthest out in the image, on the left (1) or right (-1) side of the face.
     Contour(Vec<SurfacePoint>, f64),
 }
@@ -65,6 +73,7 @@ impl Scheme {
             "ibug68_contour",
             "wflw98",
             "wflw98_contour",
+            "mesh478",
             "dense",
         ];
         carried.chain(derived.map(str::to_owned)).collect()
@@ -84,6 +93,7 @@ impl Scheme {
         let mut marks = match base {
             "ibug51" => surface(ibug68, JAW),
             "wflw98" => wflw98(reference, ibug68)?,
+            "mesh478" => mesh478(&reference.mesh)?,
             "dense" => dense(&reference.mesh),
             _ => surface(reference.scheme(base).ok()?, 0),
         };
@@ -134,9 +144,17 @@ impl Scheme {
         let place = |mark: &Mark| match mark {
             Mark::Surface(point) => on_surface(point),
             Mark::Pupil(side) => Placed {
-                point: pupil(subject, *side, &face.gaze[*side]),
+                point: on_eyeball(subject, *side, &face.gaze[*side], [0.0; 2]),
                 segment: [Segment::LeftEye, Segment::RightEye][*side],
             },
+            Mark::Iris(side, quarter) => {
+                let edge = f64::from(IRIS_RADIUS_SHARE);
+                let offset = [[edge, 0.0], [0.0, edge], [-edge, 0.0], [0.0, -edge]];
+                Placed {
+                    point: on_eyeball(subject, *side, &face.gaze[*side], offset[*quarter]),
+                    segment: [Segment::LeftEye, Segment::RightEye][*side],
+                }
+            }
             Mark::Contour(line, side) => {
                 // The subject's left is to the right in a frontal image.
                 let outwards = |point: &SurfacePoint| {
@@ -160,13 +178,33 @@ impl Scheme {
     }
 }
 
-/// Where the gaze leaves an eyeball.
-fn pupil(subject: &Subject, side: usize, gaze: &Gaze) -> Point3 {
+/// A point of an eyeball at `offset` from where the gaze leaves it, to the subject's left and up as the eye sees them, in
+/// radii.
+fn on_eyeball(subject: &Subject, side: usize, gaze: &Gaze, [left, up]: [f64; 2]) -> Point3 {
     let eye = &subject.eyes[side];
-    let (yaw_sin, yaw_cos) = libm::sincos(gaze.yaw);
-    let (pitch_sin, pitch_cos) = libm::sincos(gaze.pitch);
-    let sight = facile_core::Vector3::new(pitch_cos * yaw_sin, pitch_sin, pitch_cos * yaw_cos);
-    eye.center + sight * eye.radius
+    let turn = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), gaze.yaw)
+        * UnitQuaternion::from_axis_angle(&Vector3::x_axis(), -gaze.pitch);
+    let forward = (1.0 - left * left - up * up).sqrt();
+    eye.center + turn * Vector3::new(left, up, forward) * eye.radius
+}
+
+/// The points of the face mesh, see the [module](self).
+fn mesh478(mesh: &Mesh) -> Option<Vec<Mark>> {
+    let on_skin = |s: Segment| !matches!(s, Segment::InnerMouth | Segment::EyeSocket);
+    let point = |line: &str| {
+        let mut cells = line.split(',');
+        let mut number = || cells.next()?.parse().ok();
+        let target = Point3::new(number()?, number()?, number()?);
+        let class = cells.next().and_then(|name| Segment::from_name(name).ok());
+        let found = nearest(mesh, &target, |s| class.map_or(on_skin(s), |c| s == c))?;
+        Some(Mark::Surface(found))
+    };
+    let mut marks: Vec<Mark> = MESH478.lines().skip(1).map(point).collect::<Option<_>>()?;
+    for side in [1, 0] {
+        marks.push(Mark::Pupil(side));
+        marks.extend((0..4).map(|quarter| Mark::Iris(side, quarter)));
+    }
+    Some(marks)
 }
 
 /// One mark for each vertex, as a corner of the first triangle that has it.
@@ -325,7 +363,7 @@ mod tests {
         let place = |mark: &Mark| match mark {
             Mark::Surface(point) => point.position(&mesh.positions, &mesh.triangles),
             Mark::Contour(line, _) => line[0].position(&mesh.positions, &mesh.triangles),
-            Mark::Pupil(_) => Point3::origin(),
+            Mark::Pupil(_) | Mark::Iris(..) => Point3::origin(),
         };
         scheme.marks.iter().map(place).collect()
     }
@@ -340,6 +378,7 @@ mod tests {
             ("ibug68_contour", 68),
             ("wflw98", 98),
             ("wflw98_contour", 98),
+            ("mesh478", 478),
             ("dense", vertices),
         ];
         for (name, number) in expected {
@@ -398,6 +437,77 @@ mod tests {
             let mirrored = Point3::new(-q.x, q.y, q.z);
             assert!((p - mirrored).norm() < 2.0, "{a} {p} {b} {q}");
         }
+    }
+
+    #[test]
+    fn the_face_mesh_lies_where_ibug_has_the_same_points() {
+        let (mesh, ibug) = (
+            rest(&Scheme::named("mesh478").expect("there")),
+            rest(&Scheme::named("ibug68").expect("there")),
+        );
+        // Chin, tip of the nose, corners of eyes and mouth, middle of the lips
+        let pairs = [
+            (152, 8),
+            (4, 30),
+            (33, 36),
+            (133, 39),
+            (362, 42),
+            (263, 45),
+            (61, 48),
+            (291, 54),
+            (0, 51),
+            (17, 57),
+            (13, 62),
+        ];
+        for (a, b) in pairs {
+            let apart = (mesh[a] - ibug[b]).norm();
+            assert!(apart < 7.0, "{a} and {b}: {apart} mm");
+        }
+        // Lips: the inner edge of the upper one lies on it, above that of the lower one.
+        assert!(mesh[13].y > mesh[14].y && mesh[82].y > mesh[87].y);
+        // The head is symmetric: so are points that mirror each other.
+        for (a, b) in [
+            (33, 263),
+            (61, 291),
+            (234, 454),
+            (205, 425),
+            (107, 336),
+            (159, 386),
+        ] {
+            let mirrored = Point3::new(-mesh[b].x, mesh[b].y, mesh[b].z);
+            assert!(
+                (mesh[a] - mirrored).norm() < 0.5,
+                "{a} {} {b} {}",
+                mesh[a],
+                mesh[b]
+            );
+        }
+    }
+
+    #[test]
+    fn irises_turn_with_the_eyes() {
+        let reference = ReferenceHead::embedded();
+        let subject = facile_sim::mean_subject(reference);
+        let gaze = Gaze {
+            yaw: 0.3,
+            pitch: -0.2,
+        };
+        let at = |offset| on_eyeball(&subject, 0, &gaze, offset);
+        let eye = &subject.eyes[0];
+        let edge = f64::from(IRIS_RADIUS_SHARE);
+        let sight = (at([0.0; 2]) - eye.center) / eye.radius;
+        let expected = Vector3::new(
+            libm::cos(-0.2) * libm::sin(0.3),
+            libm::sin(-0.2),
+            libm::cos(-0.2) * libm::cos(0.3),
+        );
+        assert!((sight - expected).norm() < 1e-12);
+        for offset in [[edge, 0.0], [0.0, edge], [-edge, 0.0], [0.0, -edge]] {
+            let rim = (at(offset) - eye.center) / eye.radius;
+            assert!((rim.norm() - 1.0).abs() < 1e-12);
+            assert!((rim.dot(&sight) - (1.0 - edge * edge).sqrt()).abs() < 1e-12);
+        }
+        assert!(at([0.0, edge]).y > at([0.0, -edge]).y && at([edge, 0.0]).x > at([-edge, 0.0]).x);
     }
 
     #[test]

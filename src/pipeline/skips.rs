@@ -16,7 +16,7 @@ pub struct Skips {
     pub shared_faces: bool,
     /// Samples that differ in light alone share rays, labels and maps.
     pub shared_views: bool,
-    /// A person's next face moves the scene of the last one.
+    /// A person's next face moves the scene of the last one, the next person's first face its trees.
     pub moved_scenes: bool,
     /// What lies behind closed lips is left out of the scene.
     pub closed_mouths: bool,

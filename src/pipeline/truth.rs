@@ -3,8 +3,10 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use facile_core::{Plane, Point3, Segment, Subject};
-use facile_trace::{Camera, HeadScene, Layer, Occlusion, Ray, View as TracedView};
+use facile_core::{Plane, Segment, Subject};
+use facile_trace::{
+    Camera, HeadScene, Layer, Occlusion, Ray, Scene as TracedScene, View as TracedView,
+};
 
 use super::schemes::Placed;
 use super::{Face, Person, Pipeline};
@@ -192,18 +194,16 @@ impl Pipeline {
 
 /// Projects landmarks and finds what hides each.
 fn landmark_record(placed: &[Placed], scene: &HeadScene, camera: &Camera) -> LandmarkRecord {
-    let px = placed.iter().map(|p| match camera.project(&p.point) {
-        Some((px, _)) => px.map(rounded),
-        // At or behind the camera: nowhere in the image.
-        None => [-1e6; 2],
-    });
-    let hidden = placed
+    let projected: Vec<Option<([f64; 2], f64)>> =
+        placed.iter().map(|p| camera.project(&p.point)).collect();
+    // At or behind the camera: nowhere in the image.
+    let px = projected
         .iter()
-        .map(|p| hidden_by(&p.point, p.segment, scene, camera));
+        .map(|p| p.map_or([-1e6; 2], |(px, _)| px.map(rounded)));
     LandmarkRecord {
         px: px.collect(),
         mm: placed.iter().map(|p| rounded_point(&p.point)).collect(),
-        visibility: hidden.collect(),
+        visibility: hidden_by(placed, &projected, &scene.scene, camera),
     }
 }
 
@@ -214,35 +214,52 @@ fn square([left, top, right, bottom]: [f64; 4], margin: f64) -> [f64; 4] {
     [x - half, y - half, x + half, y + half].map(rounded)
 }
 
-/// `visible`, or what hides a landmark: `frame` (outside the image), `occluder`, `closed_mouth` (the other lip) or
-/// `self` (the head).
-fn hidden_by(point: &Point3, own: Segment, scene: &HeadScene, camera: &Camera) -> &'static str {
-    let Some((px, depth)) = camera
-        .project(point)
-        .filter(|(px, _)| camera.contains_px(*px))
-    else {
-        return "frame";
-    };
-    let ray = Ray {
-        t_max: (depth - LANDMARK_TOLERANCE) as f32,
-        ..camera.ray(px)
-    };
-    let scene = &scene.scene;
+/// For each landmark `visible`, or what hides it: `frame` (outside the image), `occluder`, `closed_mouth` (the other lip)
+/// or `self` (the head).
+fn hidden_by(
+    placed: &[Placed],
+    projected: &[Option<([f64; 2], f64)>],
+    scene: &TracedScene,
+    camera: &Camera,
+) -> Vec<&'static str> {
+    let mut causes = vec!["frame"; placed.len()];
+    // A ray to each landmark in the image, ending just in front of it
+    let mut within = Vec::with_capacity(placed.len());
+    let mut rays = Vec::with_capacity(placed.len());
+    for (i, projected) in projected.iter().enumerate() {
+        if let Some((px, depth)) = projected.filter(|(px, _)| camera.contains_px(*px)) {
+            within.push(i);
+            rays.push(Ray {
+                t_max: (depth - LANDMARK_TOLERANCE) as f32,
+                ..camera.ray(px)
+            });
+        }
+    }
+    // What the head hides, and by which of its parts
+    let mut hits = Vec::with_capacity(rays.len());
+    scene.closest_hits(&rays, Layer::BehindOccluders, &mut hits);
     let is_lip = |s| matches!(s, Segment::UpperLip | Segment::LowerLip);
-    if let Some(hit) = scene.closest_hit(&ray, Layer::BehindOccluders) {
-        let blocking = scene.objects()[hit.object as usize].segment_at(&hit);
-        return if is_lip(own) && is_lip(blocking) && blocking != own {
-            "closed_mouth"
-        } else {
-            "self"
+    let mut left = Vec::with_capacity(rays.len());
+    let mut rays_left = Vec::with_capacity(rays.len());
+    for ((i, ray), hit) in within.into_iter().zip(rays).zip(hits) {
+        let Some(hit) = hit.ok() else {
+            left.push(i);
+            rays_left.push(ray);
+            continue;
         };
+        let own = placed[i].segment;
+        let blocking = scene.objects()[hit.object as usize].segment_at(&hit);
+        let is_other_lip = is_lip(own) && is_lip(blocking) && blocking != own;
+        causes[i] = if is_other_lip { "closed_mouth" } else { "self" };
     }
-    // A lens does not hide what is behind it, the frame does.
-    if scene.transmittance(&ray).max() <= 0.0 {
-        "occluder"
-    } else {
-        "visible"
+    // A lens does not hide what is behind it, the frame does
+    let mut shares = Vec::with_capacity(left.len());
+    scene.transmittances(&rays_left, &mut shares);
+    for (i, share) in left.into_iter().zip(shares) {
+        let is_hidden = share.max() <= 0.0;
+        causes[i] = if is_hidden { "occluder" } else { "visible" };
     }
+    causes
 }
 
 /// The same for all views from one distance.

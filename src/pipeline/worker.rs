@@ -1,7 +1,8 @@
 //! Makes samples one after the other, keeping what the next one shares.
 //!
-//! A worker holds one person, one face, one scene and one traced view. Asked for the samples of a group in order it
-//! solves one equilibrium, refits one scene and traces each view once; asked at random it makes the same bytes.
+//! A worker holds one person, one face, one scene and one traced view, or more of them where asked to. Asked for the
+//! samples of a group in order it solves one equilibrium, refits one scene and traces each view once; asked at random it
+//! makes the same bytes, and with [`Worker::keep_views`] as fast.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -10,7 +11,7 @@ use std::sync::Arc;
 use facile_core::rng::RandomStream;
 use facile_core::{Plane, Subject};
 use facile_sim::{Pose, Solver};
-use facile_trace::{HeadScene, View as TracedView};
+use facile_trace::{HeadScene, Object, View as TracedView};
 
 use super::truth::{Maps, ViewTruth};
 use super::{Face, Person, Pipeline, Work};
@@ -21,6 +22,9 @@ use crate::record::Record;
 
 /// Random streams of sensors: this number with that of the sample. Samples themselves use the streams below.
 const SENSOR_STREAMS: u64 = 1 << 62;
+
+/// Occluders of a face that are kept together with its views.
+const KEPT_OCCLUDERS: usize = 8;
 
 /// An image with everything that is known of it.
 #[derive(Clone, Debug)]
@@ -41,10 +45,13 @@ struct Posed {
     occluder: Option<Occluder>,
     face: Face,
     scene: HeadScene,
+    /// What occluders put in front of this face, as far as they are kept.
+    occluders: Vec<(Occluder, Vec<Object>)>,
 }
 
-/// What a worker knows of the current view.
+/// What a worker knows of a view of the current face.
 struct Traced {
+    occluder: Occluder,
     view: View,
     traced: TracedView,
     truth: ViewTruth,
@@ -57,7 +64,12 @@ pub struct Worker {
     solver: Solver,
     person: Option<(u64, Arc<Person>)>,
     posed: Option<Posed>,
-    traced: Option<Traced>,
+    /// Views of the current face, that of the last sample first.
+    traced: Vec<Traced>,
+    /// How many of them are kept.
+    views: usize,
+    /// The scene of the person before, whose trees the next one takes.
+    last: Option<HeadScene>,
 }
 
 impl Worker {
@@ -69,8 +81,22 @@ impl Worker {
             solver: Solver::new(),
             person: None,
             posed: None,
-            traced: None,
+            traced: Vec::new(),
+            views: 1,
+            last: None,
         }
+    }
+
+    /// The same worker, which keeps as many views of a face, with its occluders, as fit into so many bytes: for samples
+    /// that are asked for out of order.
+    #[must_use]
+    pub fn keep_views(mut self, bytes: usize) -> Self {
+        /// What a view holds for each pixel, bytes.
+        const PIXEL: usize = 80;
+        let image = &self.pipeline.recipe().image;
+        let pixels = image.width as usize * image.height as usize;
+        self.views = (bytes / (PIXEL * pixels)).max(1);
+        self
     }
 
     /// What the samples are made with.
@@ -81,8 +107,10 @@ impl Worker {
     /// Gives the worker a person who is prepared already: subject number `subject` of the recipe.
     pub fn set_person(&mut self, subject: u64, person: Arc<Person>) {
         self.person = Some((subject, person));
-        self.posed = None;
-        self.traced = None;
+        self.traced.clear();
+        if let Some(posed) = self.posed.take() {
+            self.last = Some(posed.scene);
+        }
     }
 
     /// Gives the worker a person unless it is who it works with already.
@@ -106,7 +134,7 @@ impl Worker {
 
     /// Lets the next sample be traced anew, so that this can be timed.
     pub(crate) fn forget_view(&mut self) {
-        self.traced = None;
+        self.traced.clear();
     }
 
     /// Makes sample number `index`.
@@ -119,7 +147,7 @@ impl Worker {
         let person = self.person(scene.subject)?;
         self.pose(&person, &scene.expression.pose)?;
         self.trace(&person, &scene.occluder, &scene.view)?;
-        let (Some(posed), Some(traced)) = (&self.posed, &self.traced) else {
+        let (Some(posed), Some(traced)) = (&self.posed, self.traced.first()) else {
             unreachable!("both were set above");
         };
         let recipe = pipeline.recipe();
@@ -167,7 +195,7 @@ impl Worker {
         if is_known && skips.shared_faces {
             return Ok(());
         }
-        self.traced = None;
+        self.traced.clear();
         let pipeline = &self.pipeline;
         let clock = pipeline.clock();
         let face = clock.time(Work::Equilibria, || {
@@ -178,7 +206,7 @@ impl Worker {
         let scene = clock.time(Work::Scenes, || {
             let mut scene = match posed {
                 Some(posed) => posed.scene,
-                None => pipeline.head_scene(person)?,
+                None => pipeline.head_scene(person, self.last.take().as_ref())?,
             };
             scene.scene.truncate(HeadScene::PARTS);
             pipeline.show_face(&mut scene, &face)?;
@@ -189,36 +217,72 @@ impl Worker {
             occluder: None,
             face,
             scene,
+            occluders: Vec::new(),
         });
         Ok(())
     }
 
     fn trace(&mut self, person: &Person, occluder: &Occluder, view: &View) -> Result<(), Error> {
+        self.occlude(occluder)?;
         let pipeline = &self.pipeline;
         let clock = pipeline.clock();
-        let Some(posed) = self.posed.as_mut() else {
-            unreachable!("a face is posed before it is traced");
-        };
-        if posed.occluder.as_ref() != Some(occluder) {
-            posed.scene.scene.truncate(HeadScene::PARTS);
-            let add = || pipeline.add_occluder(&mut posed.scene, occluder);
-            clock.time(Work::Scenes, add)?;
-            posed.occluder = Some(occluder.clone());
-            self.traced = None;
-        }
-        let is_known = self.traced.as_ref().is_some_and(|t| t.view == *view);
-        if is_known && pipeline.skips().shared_views {
+        let known = self
+            .traced
+            .iter()
+            .position(|t| t.view == *view && t.occluder == *occluder);
+        if let Some(known) = known.filter(|_| pipeline.skips().shared_views) {
+            self.traced[..=known].rotate_right(1);
             return Ok(());
         }
+        let Some(posed) = &self.posed else {
+            unreachable!("a face is posed before it is traced");
+        };
+        // The oldest view goes before the next one takes its memory
+        self.traced.truncate(self.views - 1);
         let traced = clock.time(Work::Tracing, || pipeline.trace(&posed.scene, view))?;
         let truth = clock.time(Work::Truth, || {
             pipeline.truth(&person.subject, &posed.scene, &posed.face, &traced)
         });
-        self.traced = Some(Traced {
+        let traced = Traced {
+            occluder: occluder.clone(),
             view: *view,
             traced,
             truth,
-        });
+        };
+        self.traced.insert(0, traced);
+        Ok(())
+    }
+
+    /// Puts an occluder in front of the current face, unless it is there.
+    fn occlude(&mut self, occluder: &Occluder) -> Result<(), Error> {
+        let pipeline = &self.pipeline;
+        let Some(posed) = self.posed.as_mut() else {
+            unreachable!("a face is posed before something is put in front of it");
+        };
+        if posed.occluder.as_ref() == Some(occluder) {
+            return Ok(());
+        }
+        posed.scene.scene.truncate(HeadScene::PARTS);
+        posed.occluder = None;
+        let known = posed.occluders.iter().find(|(o, _)| o == occluder);
+        let objects = match known {
+            Some((_, objects)) => objects.clone(),
+            None => {
+                let make = || pipeline.occluder_objects(&posed.scene, occluder);
+                let objects = pipeline.clock().time(Work::Scenes, make)?;
+                if self.views > 1 {
+                    posed.occluders.truncate(KEPT_OCCLUDERS - 1);
+                    posed
+                        .occluders
+                        .insert(0, (occluder.clone(), objects.clone()));
+                }
+                objects
+            }
+        };
+        for object in objects {
+            posed.scene.scene.add(object);
+        }
+        posed.occluder = Some(occluder.clone());
         Ok(())
     }
 }
@@ -243,7 +307,7 @@ pub fn render_subject(
         };
     }
     let pipeline = Arc::new(Pipeline::new(Recipe::from_json(&recipe, Path::new(""))?)?);
-    let person = pipeline.person_of(subject.clone(), "given", None, Vec::new())?;
+    let person = Person::new(subject.clone(), "given", None, Vec::new());
     let mut worker = Worker::new(pipeline);
     worker.set_person(0, Arc::new(person));
     worker.sample(0)

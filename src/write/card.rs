@@ -3,12 +3,14 @@
 //! Both are made from the records alone, so they say what is there and not what was asked for. `croissant.json` follows
 //! Croissant 1.0 (JSON-LD on schema.org).
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use serde::Deserialize;
 use serde_json::{Value, json};
 
+use super::contact::CONTACT_SHEET;
 use super::folder::ANNOTATIONS;
 use super::journal::FileEntry;
 use super::manifest::Manifest;
@@ -34,7 +36,7 @@ const LENGTH_STEP: f64 = 0.05;
 const ITERATION_STEP: f64 = 50.0;
 
 /// Counts what records say.
-#[derive(Debug, Default)]
+#[derive(Debug, Default, PartialEq)]
 pub(crate) struct Tally {
     images: u64,
     size: [u32; 2],
@@ -48,29 +50,50 @@ pub(crate) struct Tally {
     certificates: BTreeMap<&'static str, BTreeMap<i64, u64>>,
 }
 
+/// What is read of a record. Text is borrowed from its line.
 #[derive(Deserialize)]
-struct Entry {
+struct Entry<'a> {
     size: [u32; 2],
-    subject: Subject,
-    expression: Expression,
-    light: Named,
-    occluder: Kind,
+    #[serde(borrow)]
+    subject: Subject<'a>,
+    #[serde(borrow)]
+    expression: Expression<'a>,
+    #[serde(borrow)]
+    light: Named<'a>,
+    #[serde(borrow)]
+    occluder: Kind<'a>,
     head_pose: HeadPose,
-    #[serde(default)]
-    landmarks: BTreeMap<String, Landmarks>,
+    #[serde(borrow, default)]
+    landmarks: BTreeMap<&'a str, Landmarks<'a>>,
 }
 
 #[derive(Deserialize)]
-struct Subject {
-    id: String,
-    kind: String,
-    #[serde(default)]
-    attributes: BTreeMap<String, Value>,
+struct Subject<'a> {
+    #[serde(borrow)]
+    id: Cow<'a, str>,
+    #[serde(borrow)]
+    kind: Cow<'a, str>,
+    #[serde(borrow, default)]
+    attributes: Attributes<'a>,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(default)]
+struct Attributes<'a> {
+    #[serde(borrow)]
+    sex: Option<Cow<'a, str>>,
+    #[serde(borrow)]
+    ancestry: Option<Cow<'a, str>>,
+    #[serde(borrow)]
+    license: Option<Cow<'a, str>>,
+    #[serde(borrow)]
+    source: Option<Cow<'a, str>>,
 }
 
 #[derive(Deserialize)]
-struct Expression {
-    name: String,
+struct Expression<'a> {
+    #[serde(borrow)]
+    name: Cow<'a, str>,
     intensity: f64,
     equilibrium: Option<Equilibrium>,
 }
@@ -85,13 +108,15 @@ struct Equilibrium {
 }
 
 #[derive(Deserialize)]
-struct Named {
-    name: String,
+struct Named<'a> {
+    #[serde(borrow)]
+    name: Cow<'a, str>,
 }
 
 #[derive(Deserialize)]
-struct Kind {
-    kind: String,
+struct Kind<'a> {
+    #[serde(borrow)]
+    kind: Cow<'a, str>,
 }
 
 #[derive(Deserialize)]
@@ -101,47 +126,56 @@ struct HeadPose {
 }
 
 #[derive(Deserialize)]
-struct Landmarks {
-    visibility: Vec<String>,
+struct Landmarks<'a> {
+    #[serde(borrow)]
+    visibility: Vec<&'a str>,
+}
+
+/// What is known, or that it is not.
+fn known<'a>(value: Option<&'a Cow<'_, str>>) -> &'a str {
+    value.map_or("not known", |v| v)
+}
+
+/// Counts one more of a value.
+fn count(counts: &mut BTreeMap<String, u64>, value: &str) {
+    match counts.get_mut(value) {
+        Some(n) => *n += 1,
+        None => drop(counts.insert(value.to_owned(), 1)),
+    }
 }
 
 impl Tally {
     /// Counts a record. Lines that are no records are left out; the writer makes none.
     pub(crate) fn add(&mut self, record: &str) {
-        let Ok(entry) = serde_json::from_str::<Entry>(record) else {
+        let Ok(entry) = serde_json::from_str::<Entry<'_>>(record) else {
             return;
         };
         self.images += 1;
         self.size = entry.size;
-        let mut count = |factor, value: String| {
-            *self
-                .counts
-                .entry(factor)
-                .or_default()
-                .entry(value)
-                .or_default() += 1;
-        };
-        let attribute = |name: &str| match entry.subject.attributes.get(name) {
-            Some(Value::String(text)) => text.clone(),
-            _ => "not known".to_owned(),
-        };
-        count("source of subjects", entry.subject.kind.clone());
-        for name in ["sex", "ancestry", "license", "source"] {
-            count(name, attribute(name));
-        }
-        let Expression {
-            name,
-            intensity,
-            equilibrium,
-        } = entry.expression;
-        count("expression", name);
+        let Subject {
+            id,
+            kind,
+            attributes,
+        } = &entry.subject;
         // Drawn intensities are all different.
-        count("intensity, to 0.1", format!("{intensity:.1}"));
-        count("lighting", entry.light.name);
-        count("occluder", entry.occluder.kind);
-        if let Some(landmarks) = entry.landmarks.into_values().next() {
-            for visibility in landmarks.visibility {
-                count("visibility of landmarks", visibility);
+        let intensity = format!("{:.1}", entry.expression.intensity);
+        for (factor, value) in [
+            ("source of subjects", &**kind),
+            ("sex", known(attributes.sex.as_ref())),
+            ("ancestry", known(attributes.ancestry.as_ref())),
+            ("license", known(attributes.license.as_ref())),
+            ("source", known(attributes.source.as_ref())),
+            ("expression", &entry.expression.name),
+            ("intensity, to 0.1", &intensity),
+            ("lighting", &entry.light.name),
+            ("occluder", &entry.occluder.kind),
+        ] {
+            count(self.counts.entry(factor).or_default(), value);
+        }
+        if let Some(landmarks) = entry.landmarks.values().next() {
+            let counts = self.counts.entry("visibility of landmarks").or_default();
+            for visibility in &landmarks.visibility {
+                count(counts, visibility);
             }
         }
         for (name, angle) in [
@@ -156,28 +190,60 @@ impl Tally {
                 .entry(class)
                 .or_default() += 1;
         }
-        *self.subjects.entry(entry.subject.id).or_default() += 1;
-        if let Some(found) = equilibrium {
-            self.equilibria += 1;
-            self.largest_residual = self.largest_residual.max(found.residual);
-            self.largest_penetration_mm = self.largest_penetration_mm.max(found.max_penetration_mm);
-            let numbers = [
-                (RESIDUAL, (2.0 * found.residual.max(1e-12).log10()).floor()),
-                (
-                    PENETRATION,
-                    (found.max_penetration_mm / LENGTH_STEP).floor(),
-                ),
-                (LIP_OVERLAP, (found.lip_overlap_mm / LENGTH_STEP).floor()),
-                (INVERTED, found.inverted_elements as f64),
-                (
-                    ITERATIONS,
-                    (found.iterations as f64 / ITERATION_STEP).floor(),
-                ),
-            ];
-            for (name, class) in numbers {
-                let classes = self.certificates.entry(name).or_default();
-                *classes.entry(class as i64).or_default() += 1;
+        count(&mut self.subjects, id);
+        if let Some(found) = &entry.expression.equilibrium {
+            self.add_certificate(found);
+        }
+    }
+
+    fn add_certificate(&mut self, found: &Equilibrium) {
+        self.equilibria += 1;
+        self.largest_residual = self.largest_residual.max(found.residual);
+        self.largest_penetration_mm = self.largest_penetration_mm.max(found.max_penetration_mm);
+        let numbers = [
+            (RESIDUAL, (2.0 * found.residual.max(1e-12).log10()).floor()),
+            (
+                PENETRATION,
+                (found.max_penetration_mm / LENGTH_STEP).floor(),
+            ),
+            (LIP_OVERLAP, (found.lip_overlap_mm / LENGTH_STEP).floor()),
+            (INVERTED, found.inverted_elements as f64),
+            (
+                ITERATIONS,
+                (found.iterations as f64 / ITERATION_STEP).floor(),
+            ),
+        ];
+        for (name, class) in numbers {
+            let classes = self.certificates.entry(name).or_default();
+            *classes.entry(class as i64).or_default() += 1;
+        }
+    }
+
+    /// Adds what another tally counted.
+    pub(crate) fn merge(&mut self, other: Self) {
+        fn add<K: Ord>(to: &mut BTreeMap<K, u64>, from: BTreeMap<K, u64>) {
+            for (key, n) in from {
+                *to.entry(key).or_default() += n;
             }
+        }
+        if other.images > 0 {
+            self.size = other.size;
+        }
+        self.images += other.images;
+        self.equilibria += other.equilibria;
+        self.largest_residual = self.largest_residual.max(other.largest_residual);
+        self.largest_penetration_mm = self
+            .largest_penetration_mm
+            .max(other.largest_penetration_mm);
+        add(&mut self.subjects, other.subjects);
+        for (factor, counts) in other.counts {
+            add(self.counts.entry(factor).or_default(), counts);
+        }
+        for (factor, counts) in other.angles {
+            add(self.angles.entry(factor).or_default(), counts);
+        }
+        for (name, counts) in other.certificates {
+            add(self.certificates.entry(name).or_default(), counts);
         }
     }
 
@@ -241,6 +307,7 @@ impl Tally {
                 self.equilibria, self.largest_residual, self.largest_penetration_mm,
             );
         }
+        let _ = writeln!(text, "![Some of the images]({CONTACT_SHEET})\n");
         text += "## What is in it\n";
         for (factor, rows) in self.factors() {
             histogram(&mut text, &factor, &rows);
@@ -254,53 +321,13 @@ impl Tally {
         text
     }
 
-    /// The description, as JSON-LD.
-    pub(super) fn croissant(&self, manifest: &Manifest, annotations: &FileEntry) -> Value {
-        let mut files = vec![json!({
-            "@type": "cr:FileObject",
-            "@id": ANNOTATIONS,
-            "name": ANNOTATIONS,
-            "contentUrl": ANNOTATIONS,
-            "contentSize": format!("{} B", annotations.bytes),
-            "encodingFormat": "application/jsonlines",
-            // The hash is BLAKE3; the format knows no property for it.
-            "description": format!("BLAKE3 {}", annotations.blake3),
-        })];
-        let set = |id: &str, glob: &str, format: &str| {
-            json!({
-                "@type": "cr:FileSet",
-                "@id": id,
-                "name": id,
-                "includes": glob,
-                "encodingFormat": format,
-            })
-        };
-        for format in &manifest.formats {
-            files.push(match format {
-                Format::Folder => set(IMAGES, "images/*", "image/*"),
-                Format::Parquet => set(
-                    PARQUET,
-                    "parquet/*.parquet",
-                    "application/vnd.apache.parquet",
-                ),
-                Format::Webdataset => set(WEBDATASET, "webdataset/*.tar", "application/x-tar"),
-            });
-        }
-        if manifest.coco {
-            files.push(set(COCO, COCO, "application/json"));
-        }
-        let field = |name: &str, path: &str, kind: &str| {
-            json!({
-                "@type": "cr:Field",
-                "@id": format!("records/{name}"),
-                "name": name,
-                "dataType": kind,
-                "source": {
-                    "fileObject": { "@id": ANNOTATIONS },
-                    "extract": { "jsonPath": path },
-                },
-            })
-        };
+    /// The description, as JSON-LD. `sha256` is the hash of the annotations, the one that the format knows.
+    pub(super) fn croissant(
+        &self,
+        manifest: &Manifest,
+        annotations: &FileEntry,
+        sha256: &str,
+    ) -> Value {
         let licenses: Vec<&String> = self
             .counts
             .get("license")
@@ -308,43 +335,155 @@ impl Tally {
             .flat_map(|l| l.keys())
             .collect();
         json!({
-            "@context": {
-                "@vocab": "https://schema.org/",
-                "cr": "http://mlcommons.org/croissant/",
-                "sc": "https://schema.org/",
-                "dct": "http://purl.org/dc/terms/",
-                "conformsTo": "dct:conformsTo",
-            },
+            "@context": croissant_context(),
             "@type": "sc:Dataset",
             "conformsTo": "http://mlcommons.org/croissant/1.0",
             "name": manifest.recipe,
             "description": format!(
-                "{} images of {} artificial faces with exact labels",
+                "{} images of {} artificial faces with exact labels, made by {}",
                 self.images,
-                self.subjects.len()
+                self.subjects.len(),
+                manifest.program
             ),
             "license": licenses,
-            "version": manifest.recipe_hash,
-            "creator": { "@type": "sc:SoftwareApplication", "name": manifest.program },
-            "distribution": files,
+            "version": "1.0.0",
+            "identifier": manifest.recipe_hash,
+            "creator": { "@type": "sc:Organization", "name": "facile" },
+            "citeAs": "A. Brambilla, A. Colombo: Facile: a System for Artificial Face Dataset Generation",
+            "distribution": distribution(manifest, annotations, sha256),
             "recordSet": [{
                 "@type": "cr:RecordSet",
                 "@id": "records",
                 "name": "records",
-                "field": [
-                    field("index", "$.index", "sc:Integer"),
-                    field("image", "$.image", "sc:Text"),
-                    field("subject", "$.subject.id", "sc:Text"),
-                    field("expression", "$.expression.name", "sc:Text"),
-                    field("intensity", "$.expression.intensity", "sc:Float"),
-                    field("light", "$.light.name", "sc:Text"),
-                    field("occluder", "$.occluder.kind", "sc:Text"),
-                    field("yaw_deg", "$.head_pose.yaw_deg", "sc:Float"),
-                    field("face_box_px", "$.face_box_px", "sc:Float"),
-                ],
+                "description": "one record for each image",
+                "field": fields(),
             }],
         })
     }
+}
+
+/// The terms of Croissant 1.0, as its readers expect them.
+fn croissant_context() -> Value {
+    let mut context = json!({
+        "@language": "en",
+        "@vocab": "https://schema.org/",
+        "cr": "http://mlcommons.org/croissant/",
+        "data": { "@id": "cr:data", "@type": "@json" },
+        "dataType": { "@id": "cr:dataType", "@type": "@vocab" },
+        "dct": "http://purl.org/dc/terms/",
+        "examples": { "@id": "cr:examples", "@type": "@json" },
+        "rai": "http://mlcommons.org/croissant/RAI/",
+        "sc": "https://schema.org/",
+        "conformsTo": "dct:conformsTo",
+    });
+    for term in [
+        "citeAs",
+        "column",
+        "equivalentProperty",
+        "extract",
+        "field",
+        "fileObject",
+        "fileProperty",
+        "fileSet",
+        "format",
+        "includes",
+        "isLiveDataset",
+        "jsonPath",
+        "key",
+        "md5",
+        "parentField",
+        "path",
+        "recordSet",
+        "references",
+        "regex",
+        "repeated",
+        "replace",
+        "samplingRate",
+        "separator",
+        "source",
+        "subField",
+        "transform",
+    ] {
+        context[term] = Value::from(format!("cr:{term}"));
+    }
+    context
+}
+
+/// The files of a dataset.
+fn distribution(manifest: &Manifest, annotations: &FileEntry, sha256: &str) -> Vec<Value> {
+    let mut files = vec![json!({
+        "@type": "cr:FileObject",
+        "@id": ANNOTATIONS,
+        "name": ANNOTATIONS,
+        "contentUrl": ANNOTATIONS,
+        "contentSize": format!("{} B", annotations.bytes),
+        "encodingFormat": "application/jsonlines",
+        "sha256": sha256,
+    })];
+    let set = |id: &str, glob: &str, format: &str| {
+        json!({
+            "@type": "cr:FileSet",
+            "@id": id,
+            "name": id,
+            "includes": glob,
+            "encodingFormat": format,
+        })
+    };
+    for format in &manifest.formats {
+        files.push(match format {
+            Format::Folder => set(IMAGES, "images/*", "image/*"),
+            Format::Parquet => set(PARQUET, "parquet/*.parquet", "application/x-parquet"),
+            Format::Webdataset => set(WEBDATASET, "webdataset/*.tar", "application/x-tar"),
+        });
+    }
+    if manifest.coco {
+        files.push(set(COCO, COCO, "application/json"));
+    }
+    files
+}
+
+/// What readers get of a record: a column of the annotations, or a value within one.
+fn fields() -> Vec<Value> {
+    let field = |name: &str, column: &str, path: Option<&str>, kind: &str, is_list: bool| {
+        let mut field = json!({
+            "@type": "cr:Field",
+            "@id": format!("records/{name}"),
+            "name": name,
+            "dataType": kind,
+            "source": { "fileObject": { "@id": ANNOTATIONS }, "extract": { "column": column } },
+        });
+        if let Some(path) = path {
+            field["source"]["transform"] = json!({ "jsonPath": path });
+        }
+        if is_list {
+            field["repeated"] = Value::Bool(true);
+        }
+        field
+    };
+    vec![
+        field("index", "index", None, "sc:Integer", false),
+        field("image", "image", None, "sc:Text", false),
+        field("subject", "subject", Some("$.id"), "sc:Text", false),
+        field("expression", "expression", Some("$.name"), "sc:Text", false),
+        field(
+            "intensity",
+            "expression",
+            Some("$.intensity"),
+            "sc:Float",
+            false,
+        ),
+        field("light", "light", Some("$.name"), "sc:Text", false),
+        field("occluder", "occluder", Some("$.kind"), "sc:Text", false),
+        field("yaw_deg", "head_pose", Some("$.yaw_deg"), "sc:Float", false),
+        field(
+            "pitch_deg",
+            "head_pose",
+            Some("$.pitch_deg"),
+            "sc:Float",
+            false,
+        ),
+        field("face_box_px", "face_box_px", None, "sc:Float", true),
+    ]
 }
 
 /// A table of counts with bars.
@@ -364,7 +503,7 @@ mod tests {
 
     #[test]
     fn a_card_counts_what_the_records_say() {
-        let mut tally = Tally::default();
+        let (mut tally, mut halves) = (Tally::default(), Tally::default());
         for (name, yaw) in [("smile", 31.0), ("smile", 29.0), ("anger", -2.0)] {
             let record = json!({
                 "size": [64, 48],
@@ -381,8 +520,12 @@ mod tests {
                 "head_pose": { "yaw_deg": yaw, "pitch_deg": 0.0 },
             });
             tally.add(&record.to_string());
+            let mut one = Tally::default();
+            one.add(&record.to_string());
+            halves.merge(one);
         }
         tally.add("not a record");
+        assert_eq!(halves, tally);
         let manifest = serde_json::from_value::<Manifest>(json!({
             "program": "facile", "recipe": "r", "recipe_hash": "h", "formats": ["folder"], "coco": false,
             "samples": 3, "samples_per_unit": 3, "part": null, "written": 3, "complete": true, "failures": [],
@@ -407,7 +550,7 @@ mod tests {
             bytes: 10,
             blake3: "ab".to_owned(),
         };
-        let croissant = tally.croissant(&manifest, &entry);
+        let croissant = tally.croissant(&manifest, &entry, "00");
         assert_eq!(croissant["distribution"].as_array().map(Vec::len), Some(2));
     }
 }

@@ -11,17 +11,22 @@ use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use facile_core::Plane;
 use rayon::prelude::*;
+use sha2::{Digest as _, Sha256};
 
 use crate::Error;
 use crate::recipe::file::Format;
 
 use super::card::{CARD, CROISSANT, Tally};
 use super::coco::{COCO, write_coco};
+use super::contact::{CONTACT_SHEET, Selection};
+use super::encode_rgb8;
 use super::journal::{FileEntry, Journal};
 use super::labels::{LABELS, labels_schema};
 use super::manifest::{Failure, Labels, MANIFEST, Manifest};
 use super::restore;
+use super::stored::Stored;
 
 /// Name of the records in a finished dataset.
 pub const ANNOTATIONS: &str = "annotations.jsonl";
@@ -143,27 +148,52 @@ impl Folder {
         let mut tally = Tally::default();
         let mut written = 0;
         let mut failures = Vec::new();
+        let mut selection = Selection::of(units.iter().map(|(_, samples)| samples).sum());
+        let mut sha256 = Sha256::new();
         let annotations = self.place(ANNOTATIONS, |file| {
-            for journal in journals() {
-                for record in &journal.records {
-                    writeln!(file, "{record}")?;
-                    tally.add(record);
+            // Journals are read and counted on all processors, a few at a time, and written in order.
+            for batch in units.chunks(2 * rayon::current_num_threads()) {
+                let read: Vec<(Journal, Tally)> = batch
+                    .par_iter()
+                    .filter_map(|(unit, _)| {
+                        let journal = read_journal(&self.root, *unit)?;
+                        let mut tally = Tally::default();
+                        journal.records.iter().for_each(|r| tally.add(r));
+                        Some((journal, tally))
+                    })
+                    .collect();
+                for (journal, counted) in read {
+                    for record in &journal.records {
+                        writeln!(file, "{record}")?;
+                        sha256.update(record);
+                        sha256.update("\n");
+                    }
+                    let made = journal.records.len() as u64;
+                    selection.look_at(&journal.records, journal.samples() - made);
+                    written += made;
+                    failures.extend(journal.failures);
+                    tally.merge(counted);
                 }
-                written += journal.records.len() as u64;
-                failures.extend(journal.failures);
             }
             Ok(())
         })?;
         failures.sort();
         let failed: u64 = failures.iter().map(|f: &Failure| f.samples).sum();
         let card = tally.card(&self.manifest, failed);
-        let croissant = tally.croissant(&self.manifest, &annotations);
+        let sha256 = format!("{:x}", sha256.finalize());
+        let croissant = tally.croissant(&self.manifest, &annotations, &sha256);
         let croissant = format!("{croissant:#}\n");
         let mut listed = vec![annotations];
         listed.push(self.write(CARD, card.as_bytes())?);
         listed.push(self.write(CROISSANT, croissant.as_bytes())?);
         let labels = format!("{:#}\n", labels_schema());
         listed.push(self.write(LABELS, labels.as_bytes())?);
+        if let Some(sheet) = selection.draw(&Stored::new(&self.root, &self.manifest)) {
+            let size = (sheet.width() as usize, sheet.height() as usize);
+            let (pixels, _) = sheet.as_raw().as_chunks::<3>();
+            let plane = Plane::from_vec(size.0, size.1, pixels.to_vec());
+            listed.push(self.write(CONTACT_SHEET, &encode_rgb8(&plane)?)?);
+        }
         if self.manifest.coco {
             listed.push(self.place(COCO, |file| {
                 write_coco(file, &self.manifest.recipe, journals)
@@ -254,8 +284,11 @@ impl Scratch<'_> {
     /// Moves the file to its place.
     pub(super) fn commit(mut self, name: &str) -> Result<FileEntry, Error> {
         let moved = self.file.flush().and_then(|()| {
-            fs::rename(&self.path, &self.target).or_else(|_| {
-                // The first file of a kind makes its folder.
+            fs::rename(&self.path, &self.target).or_else(|e| {
+                // The first file of a kind makes its folder; where the dataset's own folder is gone nothing is made.
+                if !self.path.is_file() {
+                    return Err(e);
+                }
                 if let Some(parent) = self.target.parent() {
                     fs::create_dir_all(parent)?;
                 }
@@ -356,6 +389,7 @@ fn remove_dataset(root: &Path) -> Result<(), Error> {
     let others = [
         CARD,
         CROISSANT,
+        CONTACT_SHEET,
         LABELS,
         super::IMAGES,
         super::WEBDATASET,

@@ -132,7 +132,7 @@ fn landmarks() -> Value {
     json!({
         "type": "object",
         "description": "by scheme, in the scheme's order: five (right eye, left eye, tip of the nose, right and left corner of the \
-            mouth), ibug51, ibug68, wflw98, dense (vertices of the reference mesh); with _contour the jaw lies on the visible \
+            mouth), ibug51, ibug68, wflw98, mesh478 (the order of MediaPipe's face mesh, irises last), dense (vertices of the reference mesh); with _contour the jaw lies on the visible \
             contour, else where the jaw's line is projected to, seen or not",
         "additionalProperties": object("one scheme", json!({
             "px": point(2, "places in the image"),

@@ -2,6 +2,7 @@
 
 mod card;
 mod coco;
+mod contact;
 mod encode;
 mod folder;
 mod journal;
@@ -11,12 +12,14 @@ mod merge;
 mod parquet;
 mod restore;
 mod sample;
+mod stored;
 mod unit;
 mod webdataset;
 
 pub(crate) use card::Tally;
 pub use card::{CARD, CROISSANT};
 pub use coco::COCO;
+pub use contact::CONTACT_SHEET;
 pub use encode::encode_image;
 pub use facile_trace::png_file::{encode_gray8, encode_gray16, encode_rgb8};
 pub use folder::{ANNOTATIONS, CHECKSUMS, Folder, finished};
@@ -26,6 +29,7 @@ pub use manifest::{Failure, Labels, MANIFEST, Manifest};
 pub use merge::merge;
 pub use parquet::{PARQUET, VISIBILITIES, parquet_name};
 pub use sample::{EncodedMaps, EncodedSample, Encoder, image_name, map_name};
+pub(crate) use stored::{Stored, table_cell};
 pub use unit::UnitWriter;
 pub use webdataset::{WEBDATASET, tar_name};
 

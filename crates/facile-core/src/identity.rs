@@ -14,7 +14,8 @@ use ndarray_npy::ReadNpyExt as _;
 use serde::Deserialize;
 
 use crate::assets::{self, IdentityFiles};
-use crate::{CoreError, Eye, Point3, ReferenceHead, Similarity3, UnitQuaternion, Vector3};
+use crate::io::decode_texture;
+use crate::{CoreError, Eye, Point3, ReferenceHead, Similarity3, Texture, UnitQuaternion, Vector3};
 
 /// Coefficients are kept within this many standard deviations: beyond, heads turn into caricatures.
 pub const MAX_COEFFICIENT: f64 = 2.5;
@@ -81,7 +82,22 @@ pub(crate) struct Mix {
 pub(crate) struct Skin {
     pub(crate) facts: SkinFacts,
     /// JPEG.
-    pub(crate) bytes: Cow<'static, [u8]>,
+    bytes: Cow<'static, [u8]>,
+    decoded: OnceLock<Texture>,
+}
+
+impl Skin {
+    /// Its texels, decoded for the first who wears it: 3 MB of each of a few dozen skins.
+    ///
+    /// # Errors
+    /// [`CoreError::Format`] if the image is damaged.
+    pub(crate) fn texture(&self) -> Result<&Texture, CoreError> {
+        if let Some(texture) = self.decoded.get() {
+            return Ok(texture);
+        }
+        let texture = decode_texture(&self.bytes, self.facts.file.as_ref())?;
+        Ok(self.decoded.get_or_init(|| texture))
+    }
 }
 
 /// What is known of a skin.
@@ -322,7 +338,11 @@ impl IdentityModel {
                 return Err(CoreError::format(&file, Some("skin".to_owned()), reason));
             }
             let bytes = files.skin(&facts.file)?;
-            skins.push(Skin { facts, bytes });
+            skins.push(Skin {
+                facts,
+                bytes,
+                decoded: OnceLock::new(),
+            });
         }
         Ok(Self {
             modes,

@@ -2,7 +2,6 @@
 
 use crate::color::{LINEAR_FROM_SRGB8, srgb8_from_linear};
 use crate::identity::{IdentityModel, MAX_COEFFICIENT, Skin};
-use crate::io::decode_texture;
 use crate::rng::RandomStream;
 use crate::{Attributes, CoreError, ReferenceHead, Subject, Texture};
 
@@ -150,8 +149,7 @@ struct Person<'a> {
 
 /// Mixes two skins in linear light, `weight` of the first, and multiplies by gains.
 fn mix(first: &Skin, second: &Skin, weight: f64, gains: [f64; 3]) -> Result<Texture, CoreError> {
-    let decode = |skin: &Skin| decode_texture(&skin.bytes, skin.facts.file.as_ref());
-    let (mut texture, second_texture) = (decode(first)?, decode(second)?);
+    let (mut texture, second_texture) = (first.texture()?.clone(), second.texture()?);
     let (expected, got) = (texture.texels().len(), second_texture.texels().len());
     if expected != got || texture.width() != second_texture.width() {
         return Err(CoreError::SizeMismatch {
@@ -160,18 +158,26 @@ fn mix(first: &Skin, second: &Skin, weight: f64, gains: [f64; 3]) -> Result<Text
             got,
         });
     }
-    let table = |share: f64, k: usize| -> [f32; 256] {
-        std::array::from_fn(|i| (f64::from(LINEAR_FROM_SRGB8[i]) * share * gains[k]) as f32)
-    };
-    let tables: [[[f32; 256]; 2]; 3] =
-        std::array::from_fn(|k| [table(weight, k), table(1.0 - weight, k)]);
+    // Every pair of codes once: there are sixteen times as many texels.
+    let codes: [Vec<u8>; 3] = gains.map(|gain| mixed_codes(weight, gain));
     for (a, b) in texture.texels_mut().iter_mut().zip(second_texture.texels()) {
-        for (k, [of_first, of_second]) in tables.iter().enumerate() {
-            let light = of_first[usize::from(a[k])] + of_second[usize::from(b[k])];
-            a[k] = srgb8_from_linear(light);
+        for (k, codes) in codes.iter().enumerate() {
+            a[k] = codes[usize::from(a[k]) << 8 | usize::from(b[k])];
         }
     }
     Ok(texture)
+}
+
+/// The code of the mix of two sRGB codes, at the first times 256 plus the second.
+fn mixed_codes(weight: f64, gain: f64) -> Vec<u8> {
+    let table = |share: f64| -> [f32; 256] {
+        std::array::from_fn(|i| (f64::from(LINEAR_FROM_SRGB8[i]) * share * gain) as f32)
+    };
+    let (of_first, of_second) = (table(weight), table(1.0 - weight));
+    let pairs = of_first
+        .iter()
+        .flat_map(|a| of_second.iter().map(move |b| a + b));
+    pairs.map(srgb8_from_linear).collect()
 }
 
 #[cfg(test)]

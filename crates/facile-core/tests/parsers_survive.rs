@@ -1,11 +1,11 @@
-//! No bytes make a parser panic: random ones, and valid files with bytes changed, cut out or repeated.
+//! No bytes make a parser panic: random ones, and valid files with bytes changed, cut out or repeated. `tests/fuzz` of the
+//! workspace's root goes on for longer.
 
 use std::path::Path;
 use std::sync::LazyLock;
 
 use facile_core::io::glb::{Glb, GlbPart, GlbTexture, Packing};
 use facile_core::io::{ScanOptions, decode_texture, parse_scan};
-use facile_core::rng::RandomStream;
 use facile_core::{Mesh, Point3, ReferenceHead, Subject, Texture};
 use proptest::prelude::*;
 
@@ -123,40 +123,6 @@ fn survive_mtl(mtl: &[u8]) {
     std::fs::write(folder.join(&name), mtl).expect("writes");
     let obj = [b"mtllib ", name.as_bytes(), b"\n", &OBJ[14..]].concat();
     let _ = parse_scan(&obj, &folder.join("a.obj"), &ScanOptions::default());
-}
-
-/// Edits as [`edits`] draws them, faster.
-fn drawn_edits(random: &mut RandomStream) -> Vec<Edit> {
-    const USUAL: &[u8] = b"0123456789-+.e/ \n\\\"[]{},";
-    let byte = |random: &mut RandomStream| match random.index(3) {
-        0 => random.bits() as u8,
-        1 => USUAL[random.index(USUAL.len())],
-        _ => 0xff,
-    };
-    (0..=random.index(7))
-        .map(|_| {
-            let new = (0..=random.index(5)).map(|_| byte(random)).collect();
-            (random.unit(), random.index(3) as u8, new)
-        })
-        .collect()
-}
-
-#[test]
-#[ignore = "takes minutes: the million executions of the release check"]
-fn a_million_edited_files() {
-    let mut random = RandomStream::new(2026, 11);
-    let binary = binary_ply();
-    for execution in 0..1_000_000_u32 {
-        let edits = drawn_edits(&mut random);
-        match execution % 8 {
-            0 | 1 => survive("a.obj", &edited(OBJ, &edits)),
-            2 => survive("a.ply", &edited(PLY, &edits)),
-            3 => survive("a.ply", &edited(&binary, &edits)),
-            4 | 5 => survive("a.glb", &edited(&GLB, &edits)),
-            6 => drop(decode_texture(&edited(png(), &edits), Path::new("a.png"))),
-            _ => survive_mtl(&edited(MTL, &edits)),
-        }
-    }
 }
 
 proptest! {

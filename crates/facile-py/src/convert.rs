@@ -26,7 +26,7 @@ pub(crate) fn triangles<'py>(
         .reshape([triangles.len(), 3])
 }
 
-/// A plane as an `(h, w)` array.
+/// A plane as an `(h, w)` array. Maps are shared by the samples of a view, so they are copied.
 pub(crate) fn plane<'py, T: numpy::Element + Clone>(
     py: Python<'py>,
     plane: &Plane<T>,
@@ -35,16 +35,15 @@ pub(crate) fn plane<'py, T: numpy::Element + Clone>(
     plane.as_slice().to_vec().into_pyarray(py).reshape(shape)
 }
 
-/// A plane of triples as an `(h, w, 3)` array.
-pub(crate) fn plane3<'py, T: numpy::Element + Copy>(
-    py: Python<'py>,
-    plane: &Plane<[T; 3]>,
-) -> PyResult<Bound<'py, PyArray3<T>>> {
+/// A plane of triples as an `(h, w, 3)` array, which takes over its memory.
+pub(crate) fn plane3<T: numpy::Element>(
+    py: Python<'_>,
+    plane: Plane<[T; 3]>,
+) -> PyResult<Bound<'_, PyArray3<T>>> {
     let shape = [plane.height(), plane.width(), 3];
     plane
-        .as_slice()
-        .as_flattened()
-        .to_vec()
+        .into_vec()
+        .into_flattened()
         .into_pyarray(py)
         .reshape(shape)
 }

@@ -18,6 +18,9 @@ use crate::convert::{from_json, plane, plane3, to_json};
 use crate::errors::{exception, heavy};
 use crate::subject::Subject;
 
+/// Memory for views of the current face, so that samples of a group may be asked for in any order.
+const KEPT_BYTES: usize = 256 << 20;
+
 /// A recipe from a path or a mapping.
 fn recipe(value: &Bound<'_, PyAny>) -> PyResult<Recipe> {
     let loaded = match value.extract::<PathBuf>() {
@@ -28,9 +31,9 @@ fn recipe(value: &Bound<'_, PyAny>) -> PyResult<Recipe> {
 }
 
 /// A sample as a dictionary of arrays.
-fn sample_dict<'py>(py: Python<'py>, sample: &Sample) -> PyResult<Bound<'py, PyDict>> {
+fn sample_dict(py: Python<'_>, sample: Sample) -> PyResult<Bound<'_, PyDict>> {
     let dict = PyDict::new(py);
-    dict.set_item("image", plane3(py, &sample.image)?)?;
+    dict.set_item("image", plane3(py, sample.image)?)?;
     dict.set_item("record", from_json(py, &sample.record.to_json())?)?;
     let maps = &sample.maps;
     for (name, map) in [
@@ -46,7 +49,7 @@ fn sample_dict<'py>(py: Python<'py>, sample: &Sample) -> PyResult<Bound<'py, PyD
         dict.set_item("depth_mm", plane(py, map)?)?;
     }
     if let Some(map) = &maps.normals {
-        dict.set_item("normals", plane3(py, map)?)?;
+        dict.set_item("normals", plane3(py, map.clone())?)?;
     }
     Ok(dict)
 }
@@ -74,7 +77,7 @@ impl Dataset {
             len: Grid::of(pipeline.recipe()).len(),
             name: pipeline.recipe().name.clone(),
             recipe_hash: pipeline.recipe_hash().to_owned(),
-            worker: Mutex::new(Worker::new(Arc::new(pipeline))),
+            worker: Mutex::new(Worker::new(Arc::new(pipeline)).keep_views(KEPT_BYTES)),
         })
     }
 
@@ -94,7 +97,7 @@ impl Dataset {
             worker.sample(i as u64)
         };
         let sample = heavy(py, make, |_| Ok(()))?;
-        sample_dict(py, &sample)
+        sample_dict(py, sample)
     }
 
     #[getter]
@@ -242,7 +245,7 @@ pub(crate) fn render<'py>(
         |_| facile::pipeline::render_subject(subject, &tables),
         |_| Ok(()),
     )?;
-    sample_dict(py, &sample)
+    sample_dict(py, sample)
 }
 
 /// Renders a scene file into a folder and returns its timings.

@@ -34,9 +34,8 @@ def records(folder):
     return [json.loads(line) for line in (folder / "annotations.jsonl").read_text().splitlines()]
 
 
-def test_webdataset_reads_images_records_and_maps(folder, records):
-    import webdataset
-
+def test_webdataset_reads_images_records_and_maps(folder, records, needed):
+    webdataset = needed("webdataset")
     urls = [str(path) for path in sorted((folder / "webdataset").iterdir())]
     assert len(urls) == 3
     samples = list(webdataset.WebDataset(urls, shardshuffle=False).decode("rgb8"))
@@ -49,8 +48,8 @@ def test_webdataset_reads_images_records_and_maps(folder, records):
         assert np.array_equal(sample["segments.png"][..., 0], memory[i]["segments"])
 
 
-def test_datasets_opens_parquet_with_typed_images_and_labels(folder, records, tmp_path):
-    datasets = pytest.importorskip("datasets")
+def test_datasets_opens_parquet_with_typed_images_and_labels(folder, records, tmp_path, needed):
+    datasets = needed("datasets")
     files = [str(path) for path in sorted((folder / "parquet").iterdir())]
     assert len(files) == 3
     table = datasets.load_dataset("parquet", data_files=files, split="train", cache_dir=str(tmp_path))
@@ -71,17 +70,15 @@ def test_datasets_opens_parquet_with_typed_images_and_labels(folder, records, tm
         assert row["face_box_px"] == records[i]["face_box_px"]
 
 
-def test_arrow_reads_the_tables_as_they_are(folder):
-    parquet = pytest.importorskip("pyarrow.parquet")
+def test_arrow_reads_the_tables_as_they_are(folder, needed):
+    parquet = needed("pyarrow.parquet")
     files = [parquet.ParquetFile(path) for path in sorted((folder / "parquet").iterdir())]
     assert [file.metadata.num_rows for file in files] == [3, 3, 2]
     assert [i for file in files for i in file.read(["index"])["index"].to_pylist()] == list(range(8))
 
 
-def test_coco_tools_read_boxes_keypoints_and_masks(folder, records):
-    from pycocotools.coco import COCO
-
-    coco = COCO(str(folder / "coco.json"))
+def test_coco_tools_read_boxes_keypoints_and_masks(folder, records, needed):
+    coco = needed("pycocotools.coco").COCO(str(folder / "coco.json"))
     memory = facile.Dataset(RECIPE)
     assert coco.getImgIds() == list(range(8))
     [category] = coco.loadCats(coco.getCatIds())
@@ -124,18 +121,43 @@ def test_a_dataset_pickles_as_its_recipe():
     assert np.array_equal(again[5]["image"], dataset[5]["image"])
 
 
-def test_torch_workers_and_ranks_share_the_samples():
-    torch = pytest.importorskip("torch")
-    from facile.torch import MapDataset, StreamDataset
+def test_croissant_describes_the_records_to_its_own_reader(folder, records, needed):
+    mlcroissant = needed("mlcroissant")
+    dataset = mlcroissant.Dataset(jsonld=str(folder / "croissant.json"))
+    assert dataset.metadata.name == "formats"
+    names = {resource.name for resource in dataset.metadata.distribution}
+    assert names == {"annotations.jsonl", "images", "webdataset", "parquet", "coco.json"}
+    read = list(dataset.records("records"))
+    assert len(read) == 8
+    for row, record in zip(read, records):
+        assert row["records/index"] == record["index"]
+        assert row["records/image"].decode() == record["image"]
+        assert row["records/subject"].decode() == record["subject"]["id"]
+        assert row["records/light"].decode() == record["light"]["name"]
+        assert row["records/yaw_deg"] == pytest.approx(record["head_pose"]["yaw_deg"])
+        assert row["records/face_box_px"] == pytest.approx(record["face_box_px"])
 
-    def index(sample):
-        return sample["record"]["index"]
 
-    assert len(MapDataset(RECIPE)) == 8
-    assert MapDataset(RECIPE, index)[6] == 6
-    seen = []
-    for rank in range(3):
-        stream = StreamDataset(RECIPE, index, rank=rank, ranks=3)
-        loader = torch.utils.data.DataLoader(stream, batch_size=None, num_workers=2, multiprocessing_context="fork")
-        seen += list(loader)
-    assert sorted(seen) == list(range(8))
+def test_lossless_webp_and_jpeg_hold_the_image(tmp_path):
+    from PIL import Image
+
+    for encoding, most in (("webp", 0), ("jpeg", 40)):
+        recipe = {**RECIPE, "image": {**RECIPE["image"], "encoding": encoding}}
+        recipe["dataset"] = {"name": encoding, "seed": 5}
+        facile.generate(recipe, output=tmp_path / encoding, limit=1)
+        [file] = (tmp_path / encoding / "images").iterdir()
+        read = np.asarray(Image.open(file)).astype(int)
+        assert np.abs(read - facile.Dataset(recipe)[0]["image"].astype(int)).max() <= most
+
+
+def test_a_contact_sheet_shows_every_image_of_a_small_dataset(folder):
+    from PIL import Image
+
+    sheet = np.asarray(Image.open(folder / "contact_sheet.png"))
+    memory = facile.Dataset(RECIPE)
+    assert sheet.shape == (2 * 48, 6 * 48, 3)
+    for i in range(8):
+        top, left = 48 * (i // 6) + 4, 48 * (i % 6)
+        assert np.array_equal(sheet[top : top + 40, left : left + 48], memory[i]["image"])
+    assert "contact_sheet.png" in (folder / "checksums.b3").read_text()
+    assert "](contact_sheet.png)" in (folder / "dataset_card.md").read_text()

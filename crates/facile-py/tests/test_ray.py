@@ -10,8 +10,6 @@ import pytest
 
 import facile
 
-ray = pytest.importorskip("ray")
-
 RECIPE = {
     "dataset": {"name": "shared", "seed": 6, "formats": ["webdataset"], "images_per_shard": 10},
     "image": {"size": [96, 96], "samples": 4, "truth": ["landmarks", "segments"]},
@@ -23,7 +21,8 @@ RECIPE = {
 
 
 @pytest.fixture
-def cluster():
+def cluster(needed):
+    ray = needed("ray")
     try:
         ray.init(num_cpus=2, include_dashboard=False, configure_logging=False, log_to_driver=False)
     except Exception as error:  # Sandboxes without sockets or shared memory run no cluster.

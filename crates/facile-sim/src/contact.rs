@@ -46,6 +46,8 @@ pub(crate) struct LipContact {
     pub(crate) offset: f64,
     /// Cage vertices of the three nodes, whose mean rotation turns the direction of contact, which is up at rest.
     pub(crate) cage: [u32; 3],
+    /// Slots in the solver's matrix of the pairs of the node with both below, and of these two.
+    pub(crate) slots: [u32; 3],
 }
 
 /// Stiffness of flesh on flesh, for a pair of lip nodes, in that of relaxed fascia.
@@ -156,15 +158,12 @@ impl PosedContacts<'_> {
         0.5 * energy
     }
 
-    /// Calls `f(node, stiffness)` for the nodes of lips that press.
-    pub(crate) fn lip_stiffness(&self, x: &[V3], mut f: impl FnMut(u32, f64)) {
+    /// Calls `f(contact, normal, stiffness)` for lips that press.
+    pub(crate) fn lip_stiffness(&self, x: &[V3], mut f: impl FnMut(&LipContact, V3, f64)) {
         let stiffness = LIP_STIFFNESS * self.unit_stiffness;
         for (c, s) in self.contacts.lips.iter().enumerate() {
             if self.overlap(c, x) > 0.0 {
-                f(s.node, stiffness);
-                for (&i, w) in s.below.iter().zip(s.weights) {
-                    f(i, stiffness * w * w);
-                }
+                f(s, self.directions[c], stiffness);
             }
         }
     }
@@ -212,6 +211,17 @@ impl PosedContacts<'_> {
             let gap = self.gap(c, x);
             if gap.value <= TOUCH_MM && dot(gradient[node], gap.gradient) > 0.0 {
                 normals[node] = unit(gap.gradient);
+            }
+        }
+    }
+
+    /// Takes the part along the normals at `x` out of `gradient`, for nodes that rest by `normals`.
+    pub(crate) fn reduce(&self, x: &[V3], normals: &[V3], gradient: &mut [V3]) {
+        for c in 0..self.len() {
+            let node = self.node(c);
+            if normals[node] != [0.0; 3] {
+                let n = unit(self.gap(c, x).gradient);
+                gradient[node] = add_scaled(gradient[node], n, -dot(gradient[node], n));
             }
         }
     }

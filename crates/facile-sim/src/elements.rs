@@ -200,6 +200,37 @@ impl Volume {
         }
     }
 
+    /// Second derivative by the 15 pairs of different nodes `(a, b)`, `b < a`: cross product matrices `[w]_x`, rows a.
+    #[inline]
+    pub(crate) fn bending(&self) -> [V3; 15] {
+        let side = |k: usize| sub(self.middle[(k + 1) % 3], self.middle[(k + 2) % 3]);
+        let e = [side(0), side(1), side(2)];
+        let mut out = [ZERO; 15];
+        let mut q = 0;
+        for a in 1..6usize {
+            for b in 0..a {
+                let (ka, kb) = (a % 3, b % 3);
+                let (sa, sb) = (
+                    if a < 3 { 1.0 } else { -1.0 },
+                    if b < 3 { 1.0 } else { -1.0 },
+                );
+                let c = if kb == (ka + 1) % 3 {
+                    -0.125
+                } else if ka == (kb + 1) % 3 {
+                    0.125
+                } else {
+                    0.0
+                };
+                out[q] = add(
+                    scale(self.height, c),
+                    scale(sub(scale(e[ka], sb), scale(e[kb], sa)), 1.0 / 12.0),
+                );
+                q += 1;
+            }
+        }
+        out
+    }
+
     /// Gradient by the six nodes.
     #[inline]
     pub(crate) fn gradient(&self) -> [V3; 6] {

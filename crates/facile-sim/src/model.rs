@@ -244,14 +244,12 @@ fn attachments(template: &Template, params: &PaperParams, rest: &[V3]) -> Vec<f6
     template
         .attached
         .iter()
+        .zip(&template.ligament)
         .zip(&area)
-        .map(|(&a, size)| {
+        .map(|((&a, ligament), size)| {
             let nodes = (size / PAPER_NODE_AREA_MM2).max(1.0);
-            if a {
-                params.fascia_skull_stiffness * nodes
-            } else {
-                0.0
-            }
+            let share = if a { nodes } else { 0.0 };
+            params.fascia_skull_stiffness * (share + ligament)
         })
         .collect()
 }
@@ -298,34 +296,31 @@ fn contacts(
             }
         }
     }
-    out.lips = lips(reference, template, &layers.skin);
+    out.lips = lips(template, &layers.skin);
     out
 }
 
-/// Pairs the nodes of the upper lip's rim with places on the lower one's. Which lip a node belongs to follows from the jaw.
-fn lips(reference: &ReferenceHead, template: &Template, skin: &[V3]) -> Vec<LipContact> {
-    let at = |i: &u32| skin[*i as usize];
-    let on_jaw = |i: &u32| reference.cage.jaw[template.cage_of_node[*i as usize] as usize] > 0.5;
-    let (mut lower, upper): (Vec<u32>, Vec<u32>) =
-        template.margins.lips.iter().partition(|i| on_jaw(i));
-    lower.sort_by(|a, b| at(a)[0].total_cmp(&at(b)[0]));
-    let mut out = Vec::new();
-    for node in upper {
-        let x = at(&node)[0];
-        let k = lower.partition_point(|i| at(i)[0] <= x);
-        // Beyond the corners of the lower lip there is nothing to touch.
-        let Some([a, b]) = k.checked_sub(1).and_then(|k| lower.get(k..k + 2)) else {
-            continue;
-        };
-        let t = ((x - at(a)[0]) / (at(b)[0] - at(a)[0]).max(1e-9)).clamp(0.0, 1.0);
-        let height = (1.0 - t) * at(a)[1] + t * at(b)[1];
-        out.push(LipContact {
-            node,
-            below: [*a, *b],
-            weights: [1.0 - t, t],
-            offset: (at(&node)[1] - height).min(0.0),
-            cage: [node, *a, *b].map(|i| template.cage_of_node[i as usize]),
-        });
-    }
-    out
+/// The lips' contacts on a subject. Beyond the corners of the lower lip there is nothing to touch.
+fn lips(template: &Template, skin: &[V3]) -> Vec<LipContact> {
+    let at = |i: u32| skin[i as usize];
+    let pairs = template
+        .margins
+        .lip_pairs
+        .iter()
+        .zip(&template.pattern.lips);
+    pairs
+        .map(|(&(node, below), &slots)| {
+            let [a, b] = below.map(at);
+            let t = ((at(node)[0] - a[0]) / (b[0] - a[0]).max(1e-9)).clamp(0.0, 1.0);
+            let height = (1.0 - t) * a[1] + t * b[1];
+            LipContact {
+                node,
+                below,
+                weights: [1.0 - t, t],
+                offset: (at(node)[1] - height).min(0.0),
+                cage: [node, below[0], below[1]].map(|i| template.cage_of_node[i as usize]),
+                slots,
+            }
+        })
+        .collect()
 }

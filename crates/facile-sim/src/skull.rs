@@ -8,7 +8,7 @@
 
 use crate::SimError;
 use crate::layers::{Layers, area_vector};
-use crate::sparse::{Factor, Pattern};
+use crate::sparse::BandMatrix;
 use crate::vector::{V3, add, norm, scale};
 
 /// Distance of the knots in height on the reference head, mm.
@@ -21,17 +21,12 @@ const SMOOTHING: f64 = 2e-3;
 const MIN_FACING: f64 = 0.2;
 /// Largest angle with knots, rad.
 const MAX_PHI: f64 = 2.2;
-/// Entries of a row of the matrix that come at or after its diagonal: 4 rows of knots, 7 columns.
-const NEAR: usize = 28;
 
-/// The knots, the same for all subjects, and the system that fits a field to a subject.
+/// The knots, the same for all subjects.
 #[derive(Debug)]
 pub(crate) struct SkullGrid {
     rows: usize,
     columns: usize,
-    pattern: Pattern,
-    /// For each knot, the slots of the pairs with knots up to 3 rows above and 3 columns to either side.
-    slots: Vec<[u32; NEAR]>,
 }
 
 /// Radius over height and side.
@@ -76,7 +71,7 @@ fn heights(fascia: &[V3]) -> (f64, f64) {
 
 impl SkullGrid {
     /// Knots that cover the fascia of the reference head.
-    pub(crate) fn new(layers: &Layers) -> Result<Self, SimError> {
+    pub(crate) fn new(layers: &Layers) -> Self {
         let (low, high) = heights(&layers.fascia);
         let most = libm::sin(0.5 * MAX_PHI);
         let side = layers
@@ -88,28 +83,12 @@ impl SkullGrid {
             + KNOT_SIDE;
         let rows = ((high - low) / KNOT_H_MM).ceil() as usize + 3;
         let columns = (2.0 * side / KNOT_SIDE).ceil() as usize + 3;
-        let near = |i: usize, j: usize| {
-            (0..NEAR).filter_map(move |k| {
-                let (row, column) = (i + k / 7, (j + k % 7).checked_sub(3)?);
-                (row < rows && column < columns).then_some((k, (row * columns + column) as u32))
-            })
-        };
-        let knots = || (0..rows * columns).map(|at| (at, at / columns, at % columns));
-        let pairs =
-            knots().flat_map(|(at, i, j)| near(i, j).map(move |(_, other)| (at as u32, other)));
-        let pattern = Pattern::new(rows * columns, "skull field", pairs)?;
-        let mut slots = vec![[u32::MAX; NEAR]; rows * columns];
-        for (at, i, j) in knots() {
-            for (k, other) in near(i, j) {
-                slots[at][k] = pattern.slot(at as u32, other);
-            }
-        }
-        Ok(Self {
-            rows,
-            columns,
-            pattern,
-            slots,
-        })
+        Self { rows, columns }
+    }
+
+    /// Place of a knot in the system: columns of knots one after the other, so that pairs of neighbours are near.
+    fn place(&self, row: usize, column: usize) -> usize {
+        column * self.rows + row
     }
 
     /// Fits the fascia at rest, by area-weighted least squares with a little bending energy.
@@ -128,53 +107,50 @@ impl SkullGrid {
             columns: self.columns,
             coefficients: Vec::new(),
         };
-        let mut matrix = vec![0.0; self.pattern.entries()];
-        let mut right = vec![[0.0; 3]; self.slots.len()];
+        let knots = self.rows * self.columns;
+        let mut matrix = BandMatrix::new(knots, 3 * self.rows + 3);
+        let mut right = vec![0.0; knots];
         let mut total = 0.0;
         for s in samples(triangles, layers) {
             let (row, column, wh, ws) = field.weights(s.h, s.side);
             for a in 0..16 {
-                let at = (row + a / 4) * self.columns + column + a % 4;
-                let w = s.weight * wh[a / 4] * ws[a % 4];
-                right[at][0] += w * s.radius;
-                for b in 4 * (a / 4)..16 {
-                    // Pairs in one row of knots are met from both sides.
-                    if b / 4 > a / 4 || b >= a {
-                        let k = 7 * (b / 4 - a / 4) + 3 + b % 4 - a % 4;
-                        matrix[self.slots[at][k] as usize] += w * wh[b / 4] * ws[b % 4];
-                    }
+                let at = self.place(row + a % 4, column + a / 4);
+                let w = s.weight * wh[a % 4] * ws[a / 4];
+                right[at] += w * s.radius;
+                for b in 0..=a {
+                    let other = self.place(row + b % 4, column + b / 4);
+                    matrix.add(at, other, w * wh[b % 4] * ws[b / 4]);
                 }
             }
             total += s.weight;
         }
         self.smooth(&mut matrix, total);
-        let mut factor = Factor::new(&self.pattern);
-        factor.refactor_one(&self.pattern, "skull field", &matrix)?;
-        factor.solve(&self.pattern, &mut right);
-        field.coefficients = right.iter().map(|r| r[0]).collect();
+        matrix.solve("skull field", &mut right)?;
+        field.coefficients = (0..knots)
+            .map(|k| right[self.place(k / self.columns, k % self.columns)])
+            .collect();
         Ok(field)
     }
 
     /// Adds the bending energy, `total` being the weight of all samples.
-    fn smooth(&self, matrix: &mut [f64], total: f64) {
+    fn smooth(&self, matrix: &mut BandMatrix, total: f64) {
         const BEND: [f64; 3] = [1.0, -2.0, 1.0];
-        let bend = SMOOTHING * total / self.slots.len() as f64;
+        let bend = SMOOTHING * total / (self.rows * self.columns) as f64;
         for i in 0..self.rows {
             for j in 0..self.columns {
-                let at = i * self.columns + j;
                 for a in 0..3 {
                     for b in a..3 {
                         let w = bend * BEND[a] * BEND[b];
                         if i + 2 < self.rows {
-                            let slot = self.slots[at + a * self.columns][7 * (b - a) + 3];
-                            matrix[slot as usize] += w;
+                            matrix.add(self.place(i + a, j), self.place(i + b, j), w);
                         }
                         if j + 2 < self.columns {
-                            matrix[self.slots[at + a][3 + b - a] as usize] += w;
+                            matrix.add(self.place(i, j + a), self.place(i, j + b), w);
                         }
                     }
                 }
-                matrix[self.slots[at][3] as usize] += 1e-9 * total;
+                let at = self.place(i, j);
+                matrix.add(at, at, 1e-9 * total);
             }
         }
     }
@@ -328,7 +304,7 @@ mod tests {
     #[test]
     fn the_field_meets_a_smooth_surface_and_its_gradient_is_right() {
         let (triangles, layers) = patch();
-        let grid = SkullGrid::new(&layers).expect("a sheet");
+        let grid = SkullGrid::new(&layers);
         let field = grid.fit(&triangles, &layers).expect("positive");
         let p = [30.0, 10.0, 72.0];
         let (gap, gradient) = field.gap(p);
@@ -351,7 +327,7 @@ mod tests {
     #[test]
     fn beyond_its_border_the_field_is_constant() {
         let (triangles, layers) = patch();
-        let grid = SkullGrid::new(&layers).expect("a sheet");
+        let grid = SkullGrid::new(&layers);
         let field = grid.fit(&triangles, &layers).expect("positive");
         let (a, b) = (field.at(900.0, 0.0), field.at(1000.0, 0.0));
         assert!((a.radius - b.radius).abs() < 1e-12 && a.over_h == 0.0);

@@ -19,6 +19,11 @@ use crate::vector::{V3, from_point, from_vector, norm, scale, sub};
 /// Share of a lid's motion from which on its fascia is the tarsal plate itself.
 const PLATE_WEIGHT: f64 = 0.5;
 
+/// Reach of a palpebral ligament around a corner of the eye, mm.
+const LIGAMENT_MM: f64 = 9.0;
+/// Its stiffness at the corner, in that of an attachment of the fascia to the skull.
+const LIGAMENT_STIFFNESS: f64 = 40.0;
+
 /// Distance of the vestibular fold from the rim of the lips, along the skin, mm.
 const VESTIBULE_MM: (f64, f64) = (9.0, 20.0);
 /// Distance of its ends from the corners of the mouth, mm.
@@ -41,6 +46,8 @@ pub struct Template {
     pub(crate) moving: Vec<bool>,
     /// Whether the fascia of each node is attached to the skull.
     pub(crate) attached: Vec<bool>,
+    /// Stiffness of the ligaments that hold each node's fascia, in that of an attachment to the skull.
+    pub(crate) ligament: Vec<f64>,
     /// Thickness of each node's tissue, mm.
     pub(crate) thickness: Vec<f64>,
     /// Topology of both eyes' lids and of the lips.
@@ -62,6 +69,8 @@ pub(crate) struct Margins {
     pub(crate) lids: [Vec<u32>; 2],
     /// Nodes of the rim of the lips, where the skin meets the inner mouth.
     pub(crate) lips: Vec<u32>,
+    /// Nodes of the upper lip's rim, each with the two of the lower one's between which it lies.
+    pub(crate) lip_pairs: Vec<(u32, [u32; 2])>,
 }
 
 impl Template {
@@ -96,12 +105,13 @@ impl Template {
             .map(|&v| cage.thickness[v as usize])
             .collect();
         let eyes = reference.eyes.map(|e| from_point(&e.center));
-        let margins = margins(cage, &positions, eyes, &node_of_cage);
+        let mut margins = margins(cage, &positions, eyes, &node_of_cage);
+        margins.lip_pairs = lip_pairs(cage, &positions, &cage_of_node, &margins.lips);
         let mut attached = per_node(&|v| cage.attached[v]);
         for i in vestibule(cage, &positions, &cage_of_node, &edges, &margins.lips) {
             attached[i] = true;
         }
-        let pattern = SystemPattern::new(&triangles, &edges, &moving)?;
+        let pattern = SystemPattern::new(&triangles, &edges, &margins.lip_pairs, &moving)?;
         let layers = layers(
             &triangles,
             &cage_of_node,
@@ -111,9 +121,10 @@ impl Template {
         )?;
         let mut template = Self {
             attached,
+            ligament: palpebral_ligaments(&positions, &cage_of_node, &margins),
             margins,
             pattern,
-            skull: SkullGrid::new(&layers)?,
+            skull: SkullGrid::new(&layers),
             actuators: Vec::new(),
             muscles: muscles.clone(),
             cage_of_node,
@@ -310,6 +321,57 @@ fn margins(cage: &Cage, positions: &[V3], eyes: [V3; 2], node_of_cage: &[Option<
         }
     }
     out
+}
+
+/// Pairs the nodes of the upper lip's rim with places on the lower one's. Which lip a node belongs to follows from the
+/// jaw. Beyond the corners of the lower lip there is nothing to touch.
+fn lip_pairs(
+    cage: &Cage,
+    positions: &[V3],
+    cage_of_node: &[u32],
+    rim: &[u32],
+) -> Vec<(u32, [u32; 2])> {
+    let along = |i: &u32| positions[cage_of_node[*i as usize] as usize][0];
+    let on_jaw = |i: &u32| cage.jaw[cage_of_node[*i as usize] as usize] > 0.5;
+    let (mut lower, upper): (Vec<u32>, Vec<u32>) = rim.iter().partition(|i| on_jaw(i));
+    lower.sort_by(|a, b| along(a).total_cmp(&along(b)));
+    upper
+        .into_iter()
+        .filter_map(|node| {
+            let k = lower.partition_point(|i| along(i) <= along(&node));
+            match lower.get(k.checked_sub(1)?..=k)? {
+                &[a, b] => Some((node, [a, b])),
+                _ => None,
+            }
+        })
+        .collect()
+}
+
+/// Stiffness of the palpebral ligaments, which bind the corners of each eye to the rim of the orbit. They fade out around
+/// the corners. Without them a strong orbicularis oculi has two places for the flesh at the inner corner, and the outer
+/// corner is a hair's breadth from buckling.
+fn palpebral_ligaments(positions: &[V3], cage_of_node: &[u32], margins: &Margins) -> Vec<f64> {
+    let mut corners = Vec::new();
+    for rim in &margins.lids {
+        let mut places: Vec<V3> = rim.iter().map(|&v| positions[v as usize]).collect();
+        places.sort_by(|a, b| a[0].total_cmp(&b[0]));
+        corners.extend(
+            [places.first(), places.last()]
+                .into_iter()
+                .flatten()
+                .copied(),
+        );
+    }
+    cage_of_node
+        .iter()
+        .map(|&v| {
+            let reach = corners
+                .iter()
+                .map(|c| norm(sub(positions[v as usize], *c)) / LIGAMENT_MM)
+                .fold(1.0, f64::min);
+            LIGAMENT_STIFFNESS * (1.0 - reach * reach) * (1.0 - reach * reach)
+        })
+        .collect()
 }
 
 /// Nodes over the vestibular fold, where the lips' lining is bound to the gums: a band around the rim of the lips, away

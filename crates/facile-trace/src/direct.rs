@@ -2,42 +2,36 @@
 //!
 //! The tests hold the scalar form and compare.
 
-use crate::lanes::{Kernel, LANES, LaneMask, Lanes, V3, lanes_of};
+use crate::lanes::{Eight, Kernel, LaneMask, Lanes, V3, lanes_of};
 use crate::light::{AmbientSum, Light};
 use crate::math::{Rgb, power};
 use crate::microfacets;
-use crate::packet::RayBlock;
 use crate::surface::SurfaceBlock;
 
-/// A shadow ray on its way: whose light it carries, and how much if nothing is in between.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct PendingShadow {
-    pub(crate) sample: u32,
-    pub(crate) contribution: Rgb,
-    /// What the diffuse layer gets of it, before its colour.
-    pub(crate) irradiance: Rgb,
-}
+/// Eight colours, channel by channel.
+pub(crate) type ColorBlock = [Eight; 3];
 
-/// Shadow rays that wait to be traced: ray `i` is lane `i % 8` of block `i / 8`.
+/// What a light gives each surface if nothing is in between, block by block.
 #[derive(Debug, Default)]
-pub(crate) struct PendingShadows {
-    pub(crate) list: Vec<PendingShadow>,
-    pub(crate) blocks: Vec<RayBlock>,
+pub(crate) struct Arriving {
+    /// Lanes that get any: a ray to the light finds out whether it arrives. Blocks without such a lane hold nothing of use.
+    pub(crate) lit: Vec<u32>,
+    /// Where the rays to the light start, mm.
+    pub(crate) start: Vec<[Eight; 3]>,
+    pub(crate) color: Vec<ColorBlock>,
+    /// What the diffuse layer gets of it, before its colour; empty unless asked for.
+    pub(crate) irradiance: Vec<ColorBlock>,
 }
 
-impl PendingShadows {
-    pub(crate) fn clear(&mut self) {
-        self.list.clear();
-        self.blocks.clear();
-    }
-}
-
-/// Adds to `pending` what a light gives each surface.
+/// Sets `arriving` to what a light gives each surface.
 pub(crate) struct Gather<'a> {
     pub(crate) light: &'a Light,
+    /// Distance from the surface at which rays to the light start, mm.
     pub(crate) offset: f32,
     pub(crate) surfaces: &'a [SurfaceBlock],
-    pub(crate) pending: &'a mut PendingShadows,
+    /// Blocks for which the irradiance is wanted, from the first.
+    pub(crate) irradiance: usize,
+    pub(crate) arriving: &'a mut Arriving,
 }
 
 /// What reaches eight points from a light, see [`crate::light::Arrival`].
@@ -52,21 +46,33 @@ impl Kernel for Gather<'_> {
 
     #[inline(always)]
     fn run<L: Lanes>(self) {
+        self.arriving.resize(self.surfaces.len(), self.irradiance);
         for (index, block) in self.surfaces.iter().enumerate() {
-            gather::<L>(self.light, self.offset, block, index * LANES, self.pending);
+            gather::<L>(self.light, self.offset, block, index, self.arriving);
         }
     }
 }
 
-/// Adds what a light gives the points of `block`, whose first is sample `first`.
+impl Arriving {
+    fn resize(&mut self, blocks: usize, with_irradiance: usize) {
+        let nothing = ColorBlock::default();
+        self.lit.resize(blocks, 0);
+        self.start.resize(blocks, nothing);
+        self.color.resize(blocks, nothing);
+        self.irradiance.resize(with_irradiance, nothing);
+    }
+}
+
+/// Finds the lanes of a block that a light gives anything, and how much.
 #[inline(always)]
 fn gather<L: Lanes>(
     light: &Light,
     offset: f32,
     block: &SurfaceBlock,
-    first: usize,
-    pending: &mut PendingShadows,
+    index: usize,
+    out: &mut Arriving,
 ) {
+    out.lit[index] = 0;
     let lifted = V3::<L>::load(&block.lifted);
     let Some(arrival) = arrivals::<L>(light, lifted) else {
         return;
@@ -102,38 +108,13 @@ fn gather<L: Lanes>(
         share = share + V3([glow, glow, glow]);
     }
     let [r, g, b] = share.0;
-    let lit = (lit & zero.lt(r.max(g).max(b))).bits();
-    // Send a ray to the light
-    let contribution = (share * arrival.power).scale(cosine).store();
-    let irradiance = arrival.power.scale(weight * cosine).store();
-    let start = lifted + V3::load(&block.flat_normal).scale(L::splat(offset));
-    let (direction, t_max) = match light.position() {
-        Some(position) => (V3::splat(position.into()) - start, 1.0),
-        None => (arrival.direction, f32::INFINITY),
-    };
-    let (start, direction) = (start.store(), direction.store());
-    for k in lanes_of(lit) {
-        let slot = pending.list.len() % LANES;
-        if slot == 0 {
-            pending.blocks.push(RayBlock::default());
-        }
-        if let Some(rays) = pending.blocks.last_mut() {
-            for axis in 0..3 {
-                rays.origin[axis].0[slot] = start[axis].0[k];
-                rays.direction[axis].0[slot] = direction[axis].0[k];
-            }
-            rays.t_max.0[slot] = t_max;
-        }
-        pending.list.push(PendingShadow {
-            sample: (first + k) as u32,
-            contribution: Rgb::new(
-                contribution[0].0[k],
-                contribution[1].0[k],
-                contribution[2].0[k],
-            ),
-            irradiance: Rgb::new(irradiance[0].0[k], irradiance[1].0[k], irradiance[2].0[k]),
-        });
+    out.lit[index] = (lit & zero.lt(r.max(g).max(b))).bits();
+    out.color[index] = (share * arrival.power).scale(cosine).store();
+    if let Some(irradiance) = out.irradiance.get_mut(index) {
+        *irradiance = arrival.power.scale(weight * cosine).store();
     }
+    let above = V3::load(&block.flat_normal).scale(L::splat(offset));
+    out.start[index] = (lifted + above).store();
 }
 
 /// As [`Light::arrival`].
@@ -236,7 +217,10 @@ pub(crate) struct Ambient<'a> {
     pub(crate) sum: AmbientSum,
     pub(crate) background: Rgb,
     pub(crate) surfaces: &'a [SurfaceBlock],
-    pub(crate) colors: &'a mut [Rgb],
+    pub(crate) colors: &'a mut Vec<ColorBlock>,
+    /// Light on the diffuse layer, before its colour, of the first `with_irradiance` blocks.
+    pub(crate) irradiance: &'a mut Vec<ColorBlock>,
+    pub(crate) with_irradiance: usize,
 }
 
 impl Kernel for Ambient<'_> {
@@ -244,7 +228,10 @@ impl Kernel for Ambient<'_> {
 
     #[inline(always)]
     fn run<L: Lanes>(self) {
-        for (block, colors) in self.surfaces.iter().zip(self.colors.chunks_mut(LANES)) {
+        self.colors.clear();
+        self.irradiance.clear();
+        let background = V3::<L>::splat(self.background.into());
+        for (index, block) in self.surfaces.iter().enumerate() {
             let share = L::load(&block.weight) * L::load(&block.exposure);
             let normal = V3::<L>::load(&block.normal);
             let [r, g, b] = &self.sum.slope;
@@ -255,13 +242,64 @@ impl Kernel for Ambient<'_> {
                     V3::splat((*b).into()).dot(normal),
                 ]);
             let light = (V3::<L>::load(&block.albedo) * sum).scale(share);
-            let [r, g, b] = light.store();
-            for (k, color) in colors.iter_mut().enumerate() {
-                *color = if block.hit >> k & 1 == 1 {
-                    Rgb::new(r.0[k], g.0[k], b.0[k])
-                } else {
-                    self.background
-                };
+            let hit = L::Mask::from_bits(block.hit);
+            self.colors.push(V3::select(hit, light, background).store());
+            if index < self.with_irradiance {
+                self.irradiance.push(sum.scale(share).store());
+            }
+        }
+    }
+}
+
+/// Adds what arrives of a light, and says how much of what could.
+pub(crate) struct Add<'a> {
+    pub(crate) arriving: &'a Arriving,
+    /// Lanes that something opaque hides from the light.
+    pub(crate) blocked: &'a [u32],
+    /// Lanes whose light is tinted, see `tints`; empty for none.
+    pub(crate) touched: &'a [u32],
+    /// Tints of the blocks with touched lanes, in order.
+    pub(crate) tints: &'a [ColorBlock],
+    pub(crate) colors: &'a mut [ColorBlock],
+    /// As many blocks as are wanted.
+    pub(crate) irradiance: &'a mut [ColorBlock],
+    /// Sum of the channels of what arrives, and of what would if nothing were in between; as many blocks as are wanted.
+    pub(crate) arrived: &'a mut [[Eight; 2]],
+}
+
+impl Kernel for Add<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        let mut tints = self.tints.iter();
+        for (index, lit) in self.arriving.lit.iter().enumerate() {
+            let is_touched = self.touched.get(index).is_some_and(|t| *t != 0);
+            let tint = is_touched.then(|| tints.next()).flatten();
+            if *lit == 0 {
+                continue;
+            }
+            let none = V3::splat([0.0; 3]);
+            let open = L::Mask::from_bits(lit & !self.blocked[index]);
+            let full = V3::<L>::load(&self.arriving.color[index]);
+            let mut color = full;
+            if let Some(tint) = tint {
+                color = color * V3::load(tint);
+            }
+            let color = V3::select(open, color, none);
+            let own = &mut self.colors[index];
+            *own = (V3::<L>::load(own) + color).store();
+            if let Some(own) = self.irradiance.get_mut(index) {
+                let mut light = V3::<L>::load(&self.arriving.irradiance[index]);
+                if let Some(tint) = tint {
+                    light = light * V3::load(tint);
+                }
+                *own = (V3::<L>::load(own) + V3::select(open, light, none)).store();
+            }
+            if let Some([arrived, possible]) = self.arrived.get_mut(index) {
+                let full = V3::select(L::Mask::from_bits(*lit), full, none);
+                *arrived = (L::load(arrived) + color.sum()).store();
+                *possible = (L::load(possible) + full.sum()).store();
             }
         }
     }

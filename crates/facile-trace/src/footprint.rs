@@ -84,11 +84,6 @@ impl Projection {
         }
     }
 
-    /// Whether its lines are parallel.
-    pub(crate) fn is_parallel(&self) -> bool {
-        self.parallel.is_some()
-    }
-
     /// Where lines meet, or any point for parallel lines, mm.
     pub(crate) fn origin(&self) -> Vec3 {
         self.origin.coords.cast::<f32>()
@@ -146,6 +141,11 @@ fn frame(forward: Vector3<f64>) -> Matrix3<f64> {
 }
 
 impl LocalProjection {
+    /// Whether its lines are parallel.
+    pub(crate) fn is_parallel(&self) -> bool {
+        self.parallel.is_some()
+    }
+
     /// Image position and depth of eight points.
     #[inline(always)]
     pub(crate) fn project<L: Lanes>(&self, points: V3<L>) -> V3<L> {
@@ -184,6 +184,17 @@ pub(crate) struct Footprints {
     pub(crate) present: u32,
     /// Triangles that turn clockwise in the image.
     pub(crate) clockwise: u32,
+}
+
+impl Footprints {
+    /// First and last step of a triangle along `x` and `y`.
+    #[inline(always)]
+    pub(crate) fn area(&self, lane: usize) -> [[usize; 2]; 2] {
+        [
+            [self.first[0][lane] as usize, self.first[1][lane] as usize],
+            [self.last[0][lane] as usize, self.last[1][lane] as usize],
+        ]
+    }
 }
 
 /// Image positions and depths of the corners of up to eight triangles; further lanes repeat the last.

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use facile_core::{Mesh, Point3, Segment};
 
 use crate::TraceError;
+use crate::lanes::Eight;
 use crate::math::{Vec3, unit_or, vec3_from_point};
 
 /// Where shading normals come from.
@@ -26,8 +27,10 @@ pub struct Geometry {
     pub(crate) triangles: Vec<[u32; 3]>,
     /// Unit vertex normals; empty when flat.
     pub(crate) normals: Vec<Vec3>,
-    /// Texture coordinates of the corners; empty if there are none.
-    pub(crate) texcoords: Vec<[[f32; 2]; 3]>,
+    /// Position and normal of each vertex side by side, as the kernels fetch them: six numbers and two idle ones.
+    pub(crate) vertex_rows: Vec<Eight>,
+    /// Texture coordinates of the corners of each triangle, six numbers and two idle ones; empty if there are none.
+    pub(crate) texcoord_rows: Vec<Eight>,
     /// Linear RGB of the vertices; empty if there are none.
     pub(crate) colors: Vec<[f32; 3]>,
     /// Class of each triangle; empty if there are none.
@@ -49,10 +52,11 @@ impl Geometry {
             positions: Vec::with_capacity(mesh.positions.len()),
             triangles: mesh.triangles.clone(),
             normals: Vec::new(),
-            texcoords: mesh
+            vertex_rows: Vec::new(),
+            texcoord_rows: mesh
                 .texcoord_triangles
                 .iter()
-                .map(|t| t.map(|v| mesh.texcoords[v as usize]))
+                .map(|t| texcoord_row(t.map(|v| mesh.texcoords[v as usize])))
                 .collect(),
             colors: mesh.colors.clone(),
             segments: mesh.segments.clone(),
@@ -120,6 +124,7 @@ impl Geometry {
         for (own, given) in self.normals.iter_mut().zip(normals) {
             *own = unit_or(given, *own);
         }
+        self.update_rows();
         Ok(())
     }
 
@@ -139,7 +144,26 @@ impl Geometry {
         if self.shading != Normals::Flat {
             self.update_normals();
         }
+        self.update_rows();
         Ok(())
+    }
+
+    fn update_rows(&mut self) {
+        let normals = self
+            .normals
+            .iter()
+            .copied()
+            .chain(std::iter::repeat(Vec3::zeros()));
+        let rows = self.positions.iter().zip(normals);
+        self.vertex_rows.clear();
+        self.vertex_rows
+            .extend(rows.map(|(p, n)| Eight([p.x, p.y, p.z, n.x, n.y, n.z, 0.0, 0.0])));
+    }
+
+    /// Texture coordinates of a triangle's corners, `None` if the mesh has none.
+    pub(crate) fn texcoords(&self, triangle: u32) -> Option<[[f32; 2]; 3]> {
+        let row = &self.texcoord_rows.get(triangle as usize)?.0;
+        Some([[row[0], row[1]], [row[2], row[3]], [row[4], row[5]]])
     }
 
     fn update_normals(&mut self) {
@@ -173,6 +197,10 @@ impl Geometry {
             .copied()
             .unwrap_or(Segment::Other)
     }
+}
+
+fn texcoord_row([a, b, c]: [[f32; 2]; 3]) -> Eight {
+    Eight([a[0], a[1], b[0], b[1], c[0], c[1], 0.0, 0.0])
 }
 
 fn check_indices(mesh: &Mesh) -> Result<(), TraceError> {

@@ -13,7 +13,7 @@ use crate::object::{Object, SegmentCap};
 use crate::scene::Scene;
 
 /// Radius of the iris over that of the eyeball, in the reference eye.
-const IRIS_RADIUS_SHARE: f32 = 6.0 / 15.9;
+pub const IRIS_RADIUS_SHARE: f32 = 6.0 / 15.9;
 
 /// Direction of both eyes, rad: `yaw` to the subject's left, `pitch` up. Zero looks along `+z`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -56,9 +56,24 @@ impl HeadScene {
         subject: &Subject,
         background: Rgb,
     ) -> Result<Self, TraceError> {
+        Self::like(None, reference, subject, background)
+    }
+
+    /// As [`Self::new`]; takes the trees of another subject's head and moves them instead of building its own.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn like(
+        other: Option<&Self>,
+        reference: &ReferenceHead,
+        subject: &Subject,
+        background: Rgb,
+    ) -> Result<Self, TraceError> {
+        let of_other = |part: usize| other.and_then(|o| o.scene.objects().get(part));
         let mut scene = Scene::new(background);
         let skin = Arc::new(subject.texture.clone());
-        scene.add(skin_object(reference, &subject.positions, &skin)?);
+        let like = of_other(Self::SKIN);
+        scene.add(skin_object(like, reference, &subject.positions, &skin)?);
         let eye_texture = reference
             .eye_textures
             .get(&subject.eye_color)
@@ -76,19 +91,20 @@ impl HeadScene {
             (Segment::RightEye, Segment::RightIris),
         ];
         for ((eye, own), (segment, iris)) in reference.eyes.iter().zip(&subject.eyes).zip(labels) {
+            let like = of_other(scene.objects().len());
             scene.add(eye_object(
+                like,
                 reference,
-                eye,
-                own,
-                segment,
-                iris,
+                (eye, own),
+                (segment, iris),
                 &eye_texture,
             )?);
         }
         let mouth = Arc::new(reference.mouth_texture.clone());
         let placed = &subject.skull_from_reference;
         for segment in [Segment::UpperTeeth, Segment::LowerTeeth, Segment::Tongue] {
-            scene.add(mouth_object(reference, segment, placed, &mouth)?);
+            let like = of_other(scene.objects().len());
+            scene.add(mouth_object(like, reference, segment, placed, &mouth)?);
         }
         let mut head = Self {
             scene,
@@ -146,6 +162,7 @@ impl HeadScene {
 }
 
 fn skin_object(
+    like: Option<&Object>,
     reference: &ReferenceHead,
     positions: &[Point3],
     texture: &Arc<Texture>,
@@ -171,7 +188,7 @@ fn skin_object(
         ..skin.clone()
     };
     let is_lip = |s| matches!(s, Segment::UpperLip | Segment::LowerLip);
-    Ok(Object::new(&mesh, Normals::Smooth, skin)?
+    Ok(Object::like(like, &mesh, Normals::Smooth, skin)?
         .with_material(lips, is_lip)
         .with_material(nose, |s| s == Segment::Nose)
         .with_material(mouth, |s| s == Segment::InnerMouth)
@@ -199,11 +216,10 @@ fn part(reference: &ReferenceHead, segment: Segment) -> Result<&facile_core::Par
 
 /// An eyeball about its own centre, so that a pose turns it.
 fn eye_object(
+    like: Option<&Object>,
     reference: &ReferenceHead,
-    from: &Eye,
-    to: &Eye,
-    segment: Segment,
-    iris: Segment,
+    (from, to): (&Eye, &Eye),
+    (segment, iris): (Segment, Segment),
     texture: &Arc<Texture>,
 ) -> Result<Object, TraceError> {
     let mut mesh = part(reference, segment)?.mesh.clone();
@@ -217,10 +233,12 @@ fn eye_object(
         cos_angle: (1.0 - IRIS_RADIUS_SHARE * IRIS_RADIUS_SHARE).sqrt(),
         segment: iris,
     };
-    Ok(Object::new(&mesh, Normals::Smooth, Material::wet(texture.clone()))?.with_cap(cap))
+    let material = Material::wet(texture.clone());
+    Ok(Object::like(like, &mesh, Normals::Smooth, material)?.with_cap(cap))
 }
 
 fn mouth_object(
+    like: Option<&Object>,
     reference: &ReferenceHead,
     segment: Segment,
     placed: &Similarity3,
@@ -238,5 +256,5 @@ fn mouth_object(
         exposure: 0.5,
         ..Material::skin(texture.clone())
     };
-    Object::new(&mesh, Normals::Smooth, material)
+    Object::like(like, &mesh, Normals::Smooth, material)
 }

@@ -1,11 +1,14 @@
 //! The surface at a hit: what shading needs to know. The scalar form, for secondary rays, and the oracle of
 //! [`crate::surface`].
 
-use crate::material::{Albedo, Material};
+use crate::material::Albedo;
+#[cfg(test)]
+use crate::material::Material;
 use crate::math::{Rgb, Vec3, unit_or};
 use crate::object::Object;
 use crate::ray::{Hit, Ray};
 use crate::scene::Scene;
+#[cfg(test)]
 use crate::whitted::fresnel;
 
 /// The surface where a ray meets it, in the world. Normals are on the ray's side.
@@ -69,6 +72,7 @@ impl<'a> Interaction<'a> {
 }
 
 /// Share of light that the diffuse layer gets.
+#[cfg(test)]
 pub(crate) fn diffuse_weight(point: &Interaction<'_>, material: &Material) -> f32 {
     if material.is_transparent() {
         0.0
@@ -99,7 +103,7 @@ pub(crate) fn albedo(object: &Object, hit: &Hit) -> Rgb {
     let [a, b, c] = hit.barycentric();
     match &object.material(hit.triangle).albedo {
         Albedo::Constant(color) => *color,
-        Albedo::Texture { texture, tint } => match geometry.texcoords.get(hit.triangle as usize) {
+        Albedo::Texture { texture, tint } => match geometry.texcoords(hit.triangle) {
             Some([p, q, r]) => {
                 let uv = [0, 1].map(|k| p[k] * a + q[k] * b + r[k] * c);
                 Rgb::from(texture.sample(uv)).component_mul(tint)

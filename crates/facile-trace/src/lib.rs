@@ -25,6 +25,7 @@ pub mod triangle;
 pub mod view;
 pub mod visibility;
 
+mod bounces;
 mod direct;
 mod error;
 mod footprint;
@@ -39,8 +40,10 @@ mod query;
 mod raster;
 #[cfg(test)]
 mod scalar;
+mod scratch;
 pub mod sensor;
 mod shadow_cells;
+mod sight;
 mod slopes;
 mod srgb;
 pub mod subsurface;

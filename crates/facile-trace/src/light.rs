@@ -188,6 +188,7 @@ impl AmbientSum {
     }
 
     /// What a surface gets.
+    #[cfg(test)]
     pub(crate) fn on(&self, normal: Vec3) -> Rgb {
         Rgb::from_fn(|k, _| self.even[k] + self.slope[k].dot(&normal))
     }

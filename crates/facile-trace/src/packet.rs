@@ -64,7 +64,7 @@ fn lanes_by_axis<L: Lanes>(direction: &[Eight; 3]) -> [L::Mask; 3] {
 }
 
 /// Eight rays as the triangle test wants them: each sheared along the axis that its direction is longest along.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct ShearBlock {
     /// Shear along the first and second axis after the longest one, scale along the longest.
     shear: [Eight; 3],
@@ -135,6 +135,21 @@ impl RayBlock {
     }
 }
 
+/// Packets of the lanes `bits` of a block: one for each shear axis that occurs.
+macro_rules! for_each_packet {
+    ($lanes:ident, $block:expr, $bits:expr, $packet:ident => $body:block) => {
+        let by_axis = $block.lanes_by_axis::<$lanes>();
+        for axis in 0..3 {
+            let bits = by_axis[axis] & $bits;
+            if bits != 0 {
+                let $packet = $crate::packet::Packet::<$lanes>::new($block, axis, bits);
+                $body
+            }
+        }
+    };
+}
+pub(crate) use for_each_packet;
+
 /// Up to eight rays with one shear axis, in registers.
 #[derive(Clone, Copy)]
 pub(crate) struct Packet<L: Lanes> {
@@ -147,7 +162,7 @@ pub(crate) struct Packet<L: Lanes> {
     /// Axes that become `x`, `y`, `z`.
     axes: [usize; 3],
     t_min: L,
-    t_max: L,
+    pub(crate) t_max: L,
     active: L::Mask,
 }
 
@@ -250,6 +265,16 @@ impl<L: Lanes> Packet<L> {
             t_min: L::load(&block.t_min),
             t_max: L::load(&block.t_max),
             active: L::Mask::from_bits(bits),
+        }
+    }
+
+    /// The lanes `bits` of the packet, from `t` on.
+    #[inline(always)]
+    pub(crate) fn beyond(self, t: L, bits: u32) -> Self {
+        Self {
+            t_min: t,
+            active: L::Mask::from_bits(bits),
+            ..self
         }
     }
 

@@ -44,10 +44,16 @@ pub(crate) fn centers(
 ) -> PixelHits {
     let mut seen = PixelHits::default();
     match method {
-        Method::Draw => raster::draw(scene, camera, Layer::All, bounds, [0.5; 2], |pixel, hit| {
-            seen.pixels.push(pixel);
-            seen.hits.push(hit);
-        }),
+        Method::Draw => {
+            let [x0, y0, x1, y1] = bounds;
+            let pixels = (x1 - x0) * (y1 - y0);
+            seen.pixels.reserve(pixels);
+            seen.hits.reserve(pixels);
+            raster::draw(scene, camera, Layer::All, bounds, [0.5; 2], |pixel, hit| {
+                seen.pixels.push(pixel);
+                seen.hits.push(hit);
+            });
+        }
         Method::Rays => {
             let pixels = pixels_in_blocks(bounds);
             let mut hits = Vec::new();

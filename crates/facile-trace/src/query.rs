@@ -5,13 +5,11 @@
 
 use crate::bvh::Node;
 use crate::lanes::{Eight, Kernel, LANES, LaneMask, Lanes, lanes_of, run};
-use crate::light::Light;
 use crate::math::Rgb;
 use crate::object::Object;
-use crate::packet::{Packet, RayBlock};
+use crate::packet::{Packet, RayBlock, for_each_packet};
 use crate::ray::{Hit, Ray};
 use crate::scene::{Layer, Scene};
-use crate::shadow_cells;
 
 /// An object with its box in the world.
 struct Candidate<'a> {
@@ -54,51 +52,15 @@ impl Scene {
         });
     }
 
-    /// Sets bit `k` of `blocked[i]` where lane `k` of `blocks[i]` meets anything opaque. The first `count` lanes hold
-    /// rays, all of them to `light` if one is given.
-    pub(crate) fn blocked(
-        &self,
-        light: Option<&Light>,
-        blocks: &[RayBlock],
-        count: usize,
-        blocked: &mut Vec<u32>,
-    ) {
+    /// Sets bit `k` of `blocked[i]` where lane `k` of `blocks[i]` meets anything opaque. The first `count` lanes hold rays.
+    fn blocked(&self, blocks: &[RayBlock], count: usize, blocked: &mut Vec<u32>) {
         blocked.clear();
         blocked.resize(blocks.len(), 0);
-        let mut candidates = self.candidates(|o| o.is_visible && !o.is_transparent());
-        let image = light.and_then(|light| shadow_cells::image_of(light, blocks, count));
-        if let Some(image) = image {
-            let drawn: Vec<&Object> = candidates
-                .iter()
-                .map(|c| c.object)
-                .filter(|o| shadow_cells::suits(o, &image, count))
-                .collect();
-            if !drawn.is_empty() {
-                shadow_cells::block(&drawn, &image, blocks, count, blocked);
-                candidates.retain(|c| !shadow_cells::suits(c.object, &image, count));
-            }
-        }
         run(Blocked {
-            candidates: &mut candidates,
+            candidates: &mut self.candidates(|o| o.is_visible && !o.is_transparent()),
             blocks,
             count,
             blocked,
-        });
-    }
-
-    /// Sets bit `k` of `touched[i]` where lane `k` of `blocks[i]` meets anything transparent: no others are tinted. Empty
-    /// if nothing is transparent.
-    pub(crate) fn touched(&self, blocks: &[RayBlock], count: usize, touched: &mut Vec<u32>) {
-        touched.clear();
-        if !self.has_transparency() {
-            return;
-        }
-        touched.resize(blocks.len(), 0);
-        run(Blocked {
-            candidates: &mut self.candidates(|o| o.is_visible && o.is_transparent()),
-            blocks,
-            count,
-            blocked: touched,
         });
     }
 
@@ -110,7 +72,7 @@ impl Scene {
             blocks[i / LANES].set(i % LANES, ray);
         }
         let mut blocked = Vec::new();
-        self.blocked(None, &blocks, rays.len(), &mut blocked);
+        self.blocked(&blocks, rays.len(), &mut blocked);
         let has_transparency = self.has_transparency();
         shares.extend(rays.iter().enumerate().map(|(i, ray)| {
             if blocked[i / LANES] >> (i % LANES) & 1 == 1 {
@@ -124,20 +86,6 @@ impl Scene {
     }
 }
 
-/// Packets of the lanes `bits` of a block: one for each shear axis that occurs.
-macro_rules! for_each_packet {
-    ($lanes:ident, $block:expr, $bits:expr, $packet:ident => $body:block) => {
-        let by_axis = $block.lanes_by_axis::<$lanes>();
-        for axis in 0..3 {
-            let bits = by_axis[axis] & $bits;
-            if bits != 0 {
-                let $packet = Packet::<$lanes>::new($block, axis, bits);
-                $body
-            }
-        }
-    };
-}
-
 /// The lanes `bits` of a block that meet an object's box in the world before `ends`.
 #[inline(always)]
 fn near_box<L: Lanes>(block: &RayBlock, bits: u32, bounds: &Node, ends: L) -> u32 {
@@ -149,7 +97,10 @@ fn near_box<L: Lanes>(block: &RayBlock, bits: u32, bounds: &Node, ends: L) -> u3
 
 /// A block in an object's frame.
 #[inline(always)]
-fn block_in_object(object: &Object, block: &RayBlock, bits: u32) -> RayBlock {
+pub(crate) fn block_in_object(object: &Object, block: RayBlock, bits: u32) -> RayBlock {
+    if object.world_from_object.is_none() {
+        return block;
+    }
     let mut local = RayBlock::default();
     for k in lanes_of(bits) {
         local.set(k, &object.ray_in_object(&block.get(k)));
@@ -198,7 +149,7 @@ fn closest_of_block<L: Lanes>(
             if bits == 0 {
                 continue;
             }
-            local = block_in_object(object, block, bits);
+            local = block_in_object(object, *block, bits);
             (&local, bits)
         };
         for_each_packet!(L, block, bits, packet => {
@@ -251,7 +202,7 @@ impl Kernel for Blocked<'_, '_> {
                     if bits == 0 {
                         continue;
                     }
-                    local = block_in_object(object, block, bits);
+                    local = block_in_object(object, *block, bits);
                     (&local, bits)
                 };
                 for_each_packet!(L, block, bits, packet => {

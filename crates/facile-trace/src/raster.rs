@@ -12,10 +12,15 @@ use crate::object::Object;
 use crate::packet::{ShearBlock, meet_sheared};
 use crate::ray::{Hit, Ray};
 use crate::scene::{Layer, Scene};
+use crate::scratch;
+use std::cell::Cell;
 
 /// Pixels of a block, in lane order row by row.
 const BLOCK_WIDTH: usize = 4;
 const BLOCK_HEIGHT: usize = LANES / BLOCK_WIDTH;
+
+/// Blocks along each side of a tile.
+const TILE: usize = 4;
 
 /// More triangles per pixel than this, and packets through the tree are faster.
 const MAX_TRIANGLES_PER_PIXEL: usize = 8;
@@ -43,6 +48,14 @@ impl HitBlock {
         triangle: Eight([0.0; LANES]),
         object: Eight([0.0; LANES]),
     };
+
+    /// Lanes with a hit.
+    fn hit(&self) -> u32 {
+        let object = self.object.0.iter().enumerate();
+        object.fold(0, |bits, (lane, v)| {
+            bits | u32::from(v.to_bits() != 0) << lane
+        })
+    }
 
     /// The hit of a lane, if there is one.
     fn get(&self, lane: usize) -> Option<Hit> {
@@ -101,24 +114,27 @@ pub(crate) fn draw(
         rows: (y1 - y0).div_ceil(BLOCK_HEIGHT),
         offset,
     };
-    let blocks = run(Draw {
-        scene,
-        camera,
-        layer,
-        grid,
-    });
-    for (index, block) in blocks.iter().enumerate() {
-        let corner = grid.corner(index);
-        for lane in 0..LANES {
-            if let Some(hit) = block.get(lane) {
+    scratch::with(&SCRATCH, |scratch| {
+        run(Draw {
+            scene,
+            camera,
+            layer,
+            grid,
+            scratch,
+        });
+        for (index, block) in scratch.blocks.iter().enumerate() {
+            let corner = grid.corner(index);
+            for lane in lanes_of(block.hit()) {
                 let pixel = [
-                    corner[0] + lane % BLOCK_WIDTH,
-                    corner[1] + lane / BLOCK_WIDTH,
+                    (corner[0] + lane % BLOCK_WIDTH) as u32,
+                    (corner[1] + lane / BLOCK_WIDTH) as u32,
                 ];
-                visit(pixel.map(|v| v as u32), hit);
+                if let Some(hit) = block.get(lane) {
+                    visit(pixel, hit);
+                }
             }
         }
-    }
+    });
 }
 
 impl Grid {
@@ -160,6 +176,74 @@ struct Draw<'a> {
     camera: &'a Camera,
     layer: Layer,
     grid: Grid,
+    scratch: &'a mut Scratch,
+}
+
+/// Buffers of [`draw`].
+#[derive(Default)]
+struct Scratch {
+    blocks: Vec<HitBlock>,
+    /// Rays of all blocks in the world, and of some in an object's frame.
+    in_world: Vec<ShearBlock>,
+    in_object: Vec<ShearBlock>,
+    waiting: Vec<Patch>,
+    furthest: Furthest,
+}
+
+/// Largest distance of each block's hits at some time before, and of each tile of blocks: what is behind is hidden.
+#[derive(Default)]
+struct Furthest {
+    columns: usize,
+    blocks: Vec<f32>,
+    tile_columns: usize,
+    tiles: Vec<f32>,
+}
+
+impl Furthest {
+    /// Nothing is hidden.
+    fn clear(&mut self, grid: &Grid) {
+        (self.columns, self.tile_columns) = (grid.columns, grid.columns.div_ceil(TILE));
+        let tiles = self.tile_columns * grid.rows.div_ceil(TILE);
+        self.blocks.clear();
+        self.blocks.resize(grid.columns * grid.rows, f32::INFINITY);
+        self.tiles.clear();
+        self.tiles.resize(tiles, f32::INFINITY);
+    }
+
+    fn update(&mut self, blocks: &[HitBlock]) {
+        self.tiles.fill(0.0);
+        let rows = blocks.chunks(self.columns);
+        let own = self.blocks.chunks_mut(self.columns);
+        for (y, (row, own)) in rows.zip(own).enumerate() {
+            let tiles = &mut self.tiles[y / TILE * self.tile_columns..];
+            let columns = row.chunks(TILE).zip(own.chunks_mut(TILE));
+            for ((blocks, own), tile) in columns.zip(tiles) {
+                for (block, own) in blocks.iter().zip(own) {
+                    let [a, b, c, d, e, f, g, h] = block.t.0;
+                    *own = a.max(b).max(c.max(d)).max(e.max(f).max(g.max(h)));
+                    *tile = tile.max(*own);
+                }
+            }
+        }
+    }
+
+    /// Whether a triangle is hidden everywhere.
+    #[inline(always)]
+    fn hides(&self, patch: &Patch) -> bool {
+        let [from, to] = [patch.first, patch.last].map(|at| at.map(|v| v as usize / TILE));
+        for y in from[1]..=to[1] {
+            let row = y * self.tile_columns;
+            let tiles = &self.tiles[row + from[0]..=row + to[0]];
+            if tiles.iter().any(|furthest| patch.nearest <= *furthest) {
+                return false;
+            }
+        }
+        true
+    }
+}
+
+thread_local! {
+    static SCRATCH: Cell<Option<Box<Scratch>>> = const { Cell::new(None) };
 }
 
 /// A triangle and the blocks it may touch, both ends included.
@@ -185,36 +269,47 @@ struct Canvas<'a> {
 }
 
 impl Kernel for Draw<'_> {
-    type Output = Vec<HitBlock>;
+    type Output = ();
 
     #[inline(always)]
-    fn run<L: Lanes>(self) -> Vec<HitBlock> {
+    fn run<L: Lanes>(self) {
         let grid = &self.grid;
-        let mut blocks = vec![HitBlock::EMPTY; grid.columns * grid.rows];
+        let Scratch {
+            blocks,
+            in_world,
+            in_object,
+            waiting,
+            furthest,
+        } = self.scratch;
+        let count = grid.columns * grid.rows;
+        blocks.clear();
+        blocks.resize(count, HitBlock::EMPTY);
+        furthest.clear(grid);
+        in_world.clear();
+        in_object.clear();
         let all = [0, 0, grid.columns, grid.rows];
         let projection = Projection::of_camera(self.camera);
         let eye = Ray::new(vec3_from_point(self.camera.position()), Vec3::z());
-        let (mut in_world, mut in_object) = (Vec::new(), Vec::new());
-        let mut waiting = Vec::new();
-        let mut furthest = Vec::new();
         for (index, object) in self.scene.objects().iter().enumerate() {
             if !self.layer.sees(object) || object.bvh.is_empty() {
                 continue;
             }
+            let mut own = None;
             let rays: &[ShearBlock] = if object.world_from_object.is_none() {
                 if in_world.is_empty() {
-                    in_world.resize(blocks.len(), ShearBlock::default());
-                    shear_blocks::<L>(&self, None, all, &mut in_world);
+                    in_world.resize(count, ShearBlock::default());
+                    shear_blocks::<L>(grid, self.camera, None, all, in_world);
                 }
-                &in_world
+                in_world
             } else {
                 let Some(pixels) = self.camera.pixel_bounds(object.bounds_in_world()) else {
                     continue;
                 };
-                in_object.clear();
-                in_object.resize(blocks.len(), ShearBlock::default());
-                shear_blocks::<L>(&self, Some(object), grid.blocks_of(pixels), &mut in_object);
-                &in_object
+                let area = grid.blocks_of(pixels);
+                own = Some(area);
+                in_object.resize(count, ShearBlock::default());
+                shear_blocks::<L>(grid, self.camera, Some(object), area, in_object);
+                in_object
             };
             let canvas = Canvas {
                 grid,
@@ -254,34 +349,42 @@ impl Kernel for Draw<'_> {
                     if found.clockwise >> lane & 1 == 1 {
                         waiting.push(patch);
                     } else {
-                        canvas.draw::<L>(&patch, None, &mut blocks);
+                        canvas.draw::<L>(&patch, furthest, blocks);
                     }
                 }
             }
-            furthest.clear();
-            furthest.extend(blocks.iter().map(|b| {
-                let [a, b, c, d, e, f, g, h] = b.t.0;
-                a.max(b).max(c.max(d)).max(e.max(f).max(g.max(h)))
-            }));
-            for patch in &waiting {
-                canvas.draw::<L>(patch, Some(&furthest), &mut blocks);
+            // An object of few triangles hides little
+            if canvas.corners.len() * 16 > count {
+                furthest.update(blocks);
+            }
+            for patch in &*waiting {
+                canvas.draw::<L>(patch, furthest, blocks);
+            }
+            // Leave no rays to the next object
+            if let Some([x0, y0, x1, y1]) = own {
+                for y in y0..y1 {
+                    let row = y * grid.columns;
+                    in_object[row + x0..row + x1].fill(ShearBlock::default());
+                }
             }
         }
-        blocks
     }
 }
 
 impl Canvas<'_> {
     /// Draws a triangle where it is not behind `furthest`.
     #[inline(always)]
-    fn draw<L: Lanes>(&self, patch: &Patch, furthest: Option<&[f32]>, blocks: &mut [HitBlock]) {
+    fn draw<L: Lanes>(&self, patch: &Patch, furthest: &Furthest, blocks: &mut [HitBlock]) {
+        if furthest.hides(patch) {
+            return;
+        }
         let columns = self.grid.columns;
         let triangle = self.ids[patch.slot as usize];
         let [a, b, c] = self.corners[patch.slot as usize].map(|p| Vec3::from(p) - self.origin);
         for y in patch.first[1]..=patch.last[1] {
             for x in patch.first[0]..=patch.last[0] {
                 let index = y as usize * columns + x as usize;
-                if furthest.is_some_and(|f| patch.nearest > f[index]) {
+                if patch.nearest > furthest.blocks[index] {
                     continue;
                 }
                 let (rays, block) = (&self.rays[index], &mut blocks[index]);
@@ -332,23 +435,20 @@ impl Canvas<'_> {
 /// Fills in the rays of the blocks `[x0, y0, x1, y1)` of a grid, in an object's frame or the world's.
 #[inline(always)]
 fn shear_blocks<L: Lanes>(
-    pass: &Draw<'_>,
+    grid: &Grid,
+    camera: &Camera,
     object: Option<&Object>,
     [x0, y0, x1, y1]: [usize; 4],
     blocks: &mut [ShearBlock],
 ) {
-    let grid = &pass.grid;
     // Directions are sums of what the column and what the row gives
     let columns: Vec<[f64; 3]> = (0..grid.columns * BLOCK_WIDTH)
-        .map(|x| {
-            pass.camera
-                .direction_of_column((grid.bounds[0] + x) as f64 + grid.offset[0])
-        })
+        .map(|x| camera.direction_of_column((grid.bounds[0] + x) as f64 + grid.offset[0]))
         .collect();
     for by in y0..y1 {
         let rows: [[f64; 3]; BLOCK_HEIGHT] = std::array::from_fn(|k| {
             let y = grid.bounds[1] + by * BLOCK_HEIGHT + k;
-            pass.camera.direction_of_row(y as f64 + grid.offset[1])
+            camera.direction_of_row(y as f64 + grid.offset[1])
         });
         for bx in x0..x1 {
             let index = by * grid.columns + bx;

@@ -1,5 +1,6 @@
 //! Whitted shading of one ray at a time, by recursion: what the batches of [`crate::whitted`] must give bit for bit.
 
+use crate::bounces::BounceParams;
 use crate::interaction::{Interaction, diffuse_weight};
 use crate::light::{AmbientSum, Arrival, Light};
 use crate::material::Material;
@@ -9,31 +10,35 @@ use crate::ray::Ray;
 use crate::scene::Layer;
 use crate::whitted::{Shader, fresnel, reflect, transmitted};
 
-impl Shader<'_> {
+/// The scalar form of a shader and of how rays go on.
+pub(crate) struct Recursion<'a> {
+    shader: &'a Shader<'a>,
+    params: BounceParams,
+}
+
+impl Recursion<'_> {
     /// Light that comes back along a ray.
     pub(crate) fn radiance(&self, ray: &Ray, depth: u32) -> Rgb {
-        let Some(hit) = self.scene.closest_hit(ray, Layer::All) else {
-            return self.scene.background;
+        let Some(hit) = self.shader.scene.closest_hit(ray, Layer::All) else {
+            return self.shader.scene.background;
         };
-        let point = Interaction::new(self.scene, ray, &hit);
+        let point = Interaction::new(self.shader.scene, ray, &hit);
         let material = point.object.material(point.triangle);
         let weight = diffuse_weight(&point, material);
-        let mut color = if material.spawns_rays() {
-            self.secondary(&point, material, depth)
-        } else {
-            Rgb::zeros()
-        };
-        color += self.ambient(&point, material, weight);
-        for light in self.lights {
+        let mut color = self.ambient(&point, material, weight);
+        for light in self.shader.lights {
             if let Some((contribution, ray)) = self.unshadowed(&point, material, weight, light) {
-                color += contribution.component_mul(&self.scene.transmittance(&ray));
+                color += contribution.component_mul(&self.shader.scene.transmittance(&ray));
             }
+        }
+        if material.spawns_rays() {
+            self.add_secondary(&point, material, depth, &mut color);
         }
         color
     }
 
     fn ambient(&self, point: &Interaction<'_>, material: &Material, weight: f32) -> Rgb {
-        let light = AmbientSum::of(self.lights).on(point.normal);
+        let light = AmbientSum::of(self.shader.lights).on(point.normal);
         point.albedo.component_mul(&light) * (weight * material.exposure)
     }
 
@@ -62,7 +67,7 @@ impl Shader<'_> {
         if share.max() <= 0.0 {
             return None;
         }
-        let origin = point.lifted + point.flat_normal * self.offset;
+        let origin = point.lifted + point.flat_normal * self.params.offset;
         let ray = match light.position() {
             Some(position) => Ray::between(origin, position),
             None => Ray::new(origin, direction),
@@ -70,29 +75,33 @@ impl Shader<'_> {
         Some((share.component_mul(&power) * cosine, ray))
     }
 
-    /// Light by mirror reflection and through the surface.
-    fn secondary(&self, point: &Interaction<'_>, material: &Material, depth: u32) -> Rgb {
-        if depth >= self.max_depth {
-            return Rgb::zeros();
+    /// Adds light through the surface, then by mirror reflection.
+    fn add_secondary(
+        &self,
+        point: &Interaction<'_>,
+        material: &Material,
+        depth: u32,
+        color: &mut Rgb,
+    ) {
+        if depth >= self.params.max_depth {
+            return;
         }
         let mut reflected_share = fresnel(material.reflectivity, point.normal.dot(&point.view));
-        let mut color = Rgb::zeros();
         if let Some(transmission) = &material.transmission {
             match transmitted(point, transmission) {
                 Some(direction) => {
-                    let origin = point.position - point.flat_normal * self.offset;
+                    let origin = point.position - point.flat_normal * self.params.offset;
                     let behind = self.radiance(&Ray::new(origin, direction), depth + 1);
-                    color += behind.component_mul(&transmission.tint()) * (1.0 - reflected_share);
+                    *color += behind.component_mul(&transmission.tint()) * (1.0 - reflected_share);
                 }
                 None => reflected_share = 1.0,
             }
         }
         if reflected_share > 0.0 {
             let direction = reflect(point.view, point.normal);
-            let origin = point.lifted + point.flat_normal * self.offset;
-            color += self.radiance(&Ray::new(origin, direction), depth + 1) * reflected_share;
+            let origin = point.lifted + point.flat_normal * self.params.offset;
+            *color += self.radiance(&Ray::new(origin, direction), depth + 1) * reflected_share;
         }
-        color
     }
 }
 
@@ -122,12 +131,13 @@ fn highlight(material: &Material, cos_alpha: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bounces::ShadingPoints;
     use crate::lanes::LANES;
     use crate::light::LightSource;
     use crate::material::Transmission;
     use crate::math::Pose;
     use crate::surface;
-    use crate::whitted::{Samples, ShadeScratch};
+    use crate::whitted::{Shaded, Wanted};
     use crate::{Camera, Normals, Object, Scene};
     use approx::assert_relative_eq;
     use facile_core::{Mesh, Point3, Texture, Vector3};
@@ -237,29 +247,33 @@ mod tests {
         let shader = Shader {
             scene: &scene,
             lights: &lights,
+            offset: 0.05,
+        };
+        let params = BounceParams {
             max_depth: 4,
             offset: 0.05,
         };
         let rays: Vec<Ray> = (0..61 * 47)
             .map(|i| camera.ray([f64::from(i % 61) + 0.5, f64::from(i / 61) + 0.5]))
             .collect();
-        let (mut hits, mut surfaces) = (Vec::new(), Vec::new());
+        let mut hits = Vec::new();
         scene.closest_hits(&rays, Layer::All, &mut hits);
         let directions: Vec<[f32; 3]> = rays.iter().map(|r| r.direction.into()).collect();
-        surface::surfaces(&scene, &hits, &directions, &mut surfaces);
-        let samples = Samples {
-            surfaces: &surfaces,
-            hits: &hits,
-            directions: &directions,
+        let mut points = ShadingPoints::default();
+        points.find(&scene, &hits, &directions, params);
+        let mut shaded = Shaded::default();
+        shader.shade(&points, Wanted::default(), &mut shaded);
+        let recursion = Recursion {
+            shader: &shader,
+            params,
         };
-        let mut colors = vec![Rgb::zeros(); rays.len()];
-        shader.shade_batch(samples, &mut colors, None, &mut ShadeScratch::default());
         let bits = |c: &Rgb| [c.x, c.y, c.z].map(f32::to_bits);
         let mut spawning = 0;
-        for (i, (ray, found)) in rays.iter().zip(&colors).enumerate() {
-            let expected = shader.radiance(ray, 0);
-            assert_eq!(bits(found), bits(&expected), "{i}: {found:?} {expected:?}");
-            spawning += (surfaces[i / LANES].spawns >> (i % LANES)) & 1;
+        for (i, ray) in rays.iter().enumerate() {
+            let found = surface::lane(&shaded.colors[i / LANES], i % LANES);
+            let expected = recursion.radiance(ray, 0);
+            assert_eq!(bits(&found), bits(&expected), "{i}: {found:?} {expected:?}");
+            spawning += (points.surfaces[i / LANES].spawns >> (i % LANES)) & 1;
         }
         assert!(spawning > 400, "{spawning}");
     }

@@ -5,13 +5,15 @@
 //! gets the test that a packet through the tree would give it, on the same numbers: the cells decide what is tested and
 //! never what is blocked. Source: Johnson, Lee, Burns, Mark, The Irregular Z-Buffer, ACM TOG 24(4), 2005.
 
+use crate::direct::Arriving;
 use crate::footprint::{LocalProjection, Projection, Steps, footprints, project_corners};
-use crate::lanes::{Eight, Kernel, LANES, LaneMask, Lanes, V3, lanes_of, run};
+use crate::lanes::{Eight, Kernel, LANES, LaneMask, Lanes, Portable, V3, lanes_of, run};
 use crate::light::Light;
 use crate::math::Vec3;
 use crate::object::Object;
-use crate::packet::{RayBlock, ShearBlock, meet_sheared};
-use crate::slopes::Slopes;
+use crate::packet::{ShearBlock, meet_sheared};
+use crate::sight::LightRays;
+use crate::slopes::{self, Slopes};
 
 /// Rays of a cell on average.
 const RAYS_PER_CELL: usize = 4;
@@ -22,8 +24,23 @@ const MAX_TRIANGLES_PER_RAY: usize = 8;
 /// Cells along each side of a tile.
 const TILE: usize = 8;
 
+/// Cells along each side of the image at most.
+const MAX_SIDE: f32 = 2048.0;
+
+/// Distance by which boxes around objects grow, in cells, and share by which they come nearer to the light.
+const NEAR_MARGIN: f32 = 1.0 / 16.0;
+const NEAR_SLACK: f32 = 1e-4;
+
+/// What a light sees of the starts of its rays.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Image {
+    pub(crate) projection: Projection,
+    /// Number of rays.
+    pub(crate) rays: usize,
+}
+
 /// Rays of one cell, ready to be tested.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 struct CellBlock {
     origin: [Eight; 3],
     t_max: Eight,
@@ -31,7 +48,7 @@ struct CellBlock {
 }
 
 /// What decides whether a triangle needs to look at a block: apart from it, since most do not.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 struct Head {
     /// Smallest nearness of the rays' starts in the light's image.
     lowest: f32,
@@ -49,8 +66,8 @@ const UNTOUCHED: u32 = u32::MAX;
 /// Where the rays of a block start: `x` and `y` in cells, and nearness.
 type Starts = [Eight; 3];
 
-/// Whether sorting `rays` into cells is possible and worth it for an object: it is posed as its mesh is, lies on one side
-/// of the light, and has few enough triangles.
+/// Whether drawing an object over the cells of an image is possible and worth it: it is posed as its mesh is, lies on one
+/// side of the light, and has few enough triangles.
 pub(crate) fn suits(object: &Object, image: &Projection, rays: usize) -> bool {
     object.world_from_object.is_none()
         && object.geometry.triangles.len() <= MAX_TRIANGLES_PER_RAY * rays
@@ -59,68 +76,165 @@ pub(crate) fn suits(object: &Object, image: &Projection, rays: usize) -> bool {
             .is_some_and(|b| image.is_in_front(b))
 }
 
-/// The image that a light sees of the starts of `count` rays. `None` if there is none, such as for a light among them.
-pub(crate) fn image_of(light: &Light, blocks: &[RayBlock], count: usize) -> Option<Projection> {
-    let (mut min, mut max) = (Vec3::repeat(f32::INFINITY), Vec3::repeat(f32::NEG_INFINITY));
-    for i in 0..count {
-        let origin = &blocks[i / LANES].origin;
-        let p = Vec3::from_fn(|k, _| origin[k].0[i % LANES]);
-        (min, max) = (min.inf(&p), max.sup(&p));
-    }
+/// The image that a light sees of the starts of its rays. `None` if there is none, such as for a light among them.
+pub(crate) fn image_of(rays: &LightRays<'_>) -> Option<Image> {
+    let count = rays.lit().iter().map(|l| l.count_ones() as usize).sum();
+    let (min, max) = run(Extent(rays.arriving));
     if count == 0 || !(max - min).iter().all(|v| v.is_finite()) {
         return None;
     }
-    let image = match light {
+    let projection = match rays.light {
         Light::Point { position, .. }
         | Light::Spot { position, .. }
         | Light::Patch { position, .. } => Projection::through(*position, min, max),
         Light::Directional { towards, .. } => Projection::along(-towards, min, max),
         Light::Ambient { .. } => None,
     }?;
-    image.is_in_front((min, max)).then_some(image)
+    projection.is_in_front((min, max)).then_some(Image {
+        projection,
+        rays: count,
+    })
 }
 
-/// Sets bit `k` of `blocked[i]` where lane `k` of `blocks[i]`, one of the first `count` rays, meets one of `objects`.
-/// All rays run along the lines of `image`.
-pub(crate) fn block(
-    objects: &[&Object],
-    image: &Projection,
-    blocks: &[RayBlock],
-    count: usize,
-    blocked: &mut [u32],
-) {
-    run(Block {
-        objects,
-        image: *image,
-        blocks,
-        count,
-        blocked,
-    });
-}
+/// The box around all starts.
+struct Extent<'a>(&'a Arriving);
 
-struct Block<'a> {
-    objects: &'a [&'a Object],
-    image: Projection,
-    blocks: &'a [RayBlock],
-    count: usize,
-    blocked: &'a mut [u32],
+impl Kernel for Extent<'_> {
+    type Output = (Vec3, Vec3);
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) -> (Vec3, Vec3) {
+        let (far, none) = (L::splat(f32::INFINITY), L::splat(f32::NEG_INFINITY));
+        let (mut low, mut high) = ([far; 3], [none; 3]);
+        for (lit, start) in self.0.lit.iter().zip(&self.0.start) {
+            if *lit == 0 {
+                continue;
+            }
+            let lit = L::Mask::from_bits(*lit);
+            for k in 0..3 {
+                let at = L::load(&start[k]);
+                low[k] = L::select(lit, at, far).min(low[k]);
+                high[k] = L::select(lit, at, none).max(high[k]);
+            }
+        }
+        let (low, high) = (V3(low).store(), V3(high).store());
+        let least = |v: &Eight| v.0.into_iter().fold(f32::INFINITY, f32::min);
+        let most = |v: &Eight| v.0.into_iter().fold(f32::NEG_INFINITY, f32::max);
+        (
+            Vec3::from_fn(|k, _| least(&low[k])),
+            Vec3::from_fn(|k, _| most(&high[k])),
+        )
+    }
 }
 
 /// The cells and what they hold, row by row.
-struct Cells {
+#[derive(Debug, Default)]
+pub(crate) struct Cells {
     columns: usize,
     rows: usize,
+    /// The light's image in cells; `None` before there is any.
+    local: Option<LocalProjection>,
     /// First block of each cell, and the number of blocks.
     first: Vec<u32>,
     heads: Vec<Head>,
     starts: Vec<Starts>,
-    /// The ray of each lane.
+    /// The ray of each lane: block times eight and lane among the light's rays.
     rays: Vec<[u32; LANES]>,
     /// Blocks that some triangle came close to.
     blocks: Vec<CellBlock>,
     /// Smallest nearness in each tile of cells, row by row: most triangles of a head's far side stop here.
     tiles: Vec<f32>,
     tile_columns: usize,
+    /// Image position and nearness of each ray, and its cell, by the light's blocks.
+    at: Vec<Starts>,
+    cell_of: Vec<[u32; LANES]>,
+    /// Where the next ray of each cell goes.
+    next: Vec<u32>,
+}
+
+impl Cells {
+    /// Sorts the rays of a light into cells, and sets the bits of `blocked` where one meets one of `objects`. `boxes` are
+    /// those of everything that matters.
+    pub(crate) fn block(
+        &mut self,
+        objects: &[&Object],
+        image: &Image,
+        boxes: impl Iterator<Item = (Vec3, Vec3)>,
+        rays: &LightRays<'_>,
+        blocked: &mut [u32],
+    ) {
+        // Rays start on the objects, or somewhere near them
+        let origin = image.projection.origin();
+        let corners = boxes.flat_map(|(min, max)| [min, max]);
+        let reach = 2.0
+            * corners
+                .map(|c| (c - origin).abs().norm())
+                .fold(0.0, f32::max);
+        run(Block {
+            cells: self,
+            objects,
+            image: *image,
+            reach,
+            rays,
+            blocked,
+        });
+    }
+
+    /// Sets the bits of `wanted` where a ray that is open so far may meet a box of the world in front of the light.
+    pub(crate) fn near(&self, (min, max): (Vec3, Vec3), wanted: &mut [u32]) {
+        let Some(local) = &self.local else {
+            return;
+        };
+        let pick = |corner: usize, k: usize| if corner >> k & 1 == 0 { min[k] } else { max[k] };
+        let corners = [0, 1, 2].map(|k| Eight(std::array::from_fn(|corner| pick(corner, k))));
+        let [x, y, z] = local.project(V3::<Portable>::load(&corners)).store();
+        let range = |v: &Eight, count: usize| {
+            let low = v.0.into_iter().fold(f32::INFINITY, f32::min);
+            let high = v.0.into_iter().fold(f32::NEG_INFINITY, f32::max);
+            let margin = NEAR_MARGIN + 1e-5 * low.abs().max(high.abs());
+            let last = count as f32 - 1.0;
+            (high + margin >= 0.0 && low - margin <= count as f32).then(|| {
+                let at = |v: f32| v.clamp(0.0, last) as usize;
+                at(low - margin)..=at(high + margin)
+            })
+        };
+        let (Some(columns), Some(rows)) = (range(&x, self.columns), range(&y, self.rows)) else {
+            return;
+        };
+        let depth = z.0.into_iter().fold(f32::INFINITY, f32::min);
+        let nearest = if local.is_parallel() {
+            -depth + NEAR_SLACK * (depth.abs() + (max - min).norm())
+        } else {
+            (1.0 + NEAR_SLACK) / depth
+        };
+        for row in rows {
+            let from = row * self.columns;
+            let first = self.first[from + columns.start()] as usize;
+            let end = self.first[from + columns.end() + 1] as usize;
+            for index in first..end {
+                let head = &self.heads[index];
+                if head.open == 0 || nearest < head.lowest {
+                    continue;
+                }
+                for lane in lanes_of(u32::from(head.open)) {
+                    if self.starts[index][2].0[lane] <= nearest {
+                        let ray = self.rays[index][lane] as usize;
+                        wanted[ray / LANES] |= 1 << (ray % LANES);
+                    }
+                }
+            }
+        }
+    }
+}
+
+struct Block<'a> {
+    cells: &'a mut Cells,
+    objects: &'a [&'a Object],
+    image: Image,
+    /// Largest distance of anything from the image's origin, mm.
+    reach: f32,
+    rays: &'a LightRays<'a>,
+    blocked: &'a mut [u32],
 }
 
 impl Kernel for Block<'_> {
@@ -128,14 +242,14 @@ impl Kernel for Block<'_> {
 
     #[inline(always)]
     fn run<L: Lanes>(mut self) {
-        let reach = self.reach();
-        let mut cells = self.sort::<L>(reach);
-        let local = self.image.in_frame_of(None, reach);
+        let local = self.sort::<L>();
+        let cells = self.cells;
         let steps = Steps {
             count: [cells.columns, cells.rows],
             first: [0.0; 2],
             is_lattice: false,
         };
+        let is_parallel = local.is_parallel();
         for object in self.objects {
             // In leaf order neighbours come together
             for triangles in object.bvh.corners.chunks(LANES) {
@@ -144,12 +258,21 @@ impl Kernel for Block<'_> {
                 if found.present == 0 {
                     continue;
                 }
-                let slopes = Slopes::new::<L>(&corners, self.image.is_parallel(), reach);
+                // Leave out what is behind all rays, before anything else is found out about it
+                let depth = L::load(&found.nearest);
+                let nearest = slopes::nearest::<L>(depth, is_parallel, self.reach);
+                let mut present = 0;
                 for lane in lanes_of(found.present) {
-                    let from = [found.first[0][lane], found.first[1][lane]];
-                    let to = [found.last[0][lane], found.last[1][lane]];
-                    let area = [from, to].map(|at| at.map(|v| v as usize));
-                    cells.draw::<L>(self.blocks, &triangles[lane], area, &slopes, lane);
+                    let is_hidden = cells.is_hidden(found.area(lane), nearest.0[lane]);
+                    present |= u32::from(!is_hidden) << lane;
+                }
+                if present == 0 {
+                    continue;
+                }
+                let slopes = Slopes::new::<L>(&corners, is_parallel, self.reach);
+                for lane in lanes_of(present) {
+                    let (area, nearest) = (found.area(lane), nearest.0[lane]);
+                    cells.draw::<L>(self.rays, &triangles[lane], area, nearest, &slopes, lane);
                 }
             }
         }
@@ -163,137 +286,193 @@ impl Kernel for Block<'_> {
 }
 
 impl Block<'_> {
-    /// Largest distance of anything from the image's origin, mm.
-    fn reach(&self) -> f32 {
-        let boxes = self.objects.iter().filter_map(|o| o.bounds_in_world());
-        let corners = boxes.flat_map(|(min, max)| [min, max]);
-        let origin = self.image.origin();
-        let of_objects = corners
-            .map(|c| (c - origin).abs().norm())
-            .fold(0.0, f32::max);
-        // Rays start on the objects, or somewhere near them
-        2.0 * of_objects
-    }
-
-    /// Sorts the rays into cells.
+    /// Sorts the rays into cells, and returns the image in cells.
     #[inline(always)]
-    fn sort<L: Lanes>(&mut self, reach: f32) -> Cells {
+    fn sort<L: Lanes>(&mut self) -> LocalProjection {
         // Find where the rays appear
-        let local = self.image.in_frame_of(None, reach);
-        let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
-        let mut at: Vec<[f32; 3]> = Vec::with_capacity(self.count);
-        self.place::<L>(&local, &mut at);
-        let is_parallel = self.image.is_parallel();
-        for p in &at {
-            for k in 0..2 {
-                low[k] = low[k].min(p[k]);
-                high[k] = high[k].max(p[k]);
-            }
-        }
+        let (low, high) = self.place::<L>();
+        let cells = &mut *self.cells;
         // Lay square cells over them
         let size = [0, 1].map(|k| (high[k] - low[k]).max(1e-6));
-        let wanted = (self.count / RAYS_PER_CELL).max(1) as f32;
-        let across = (wanted * size[0] / size[1]).sqrt().clamp(1.0, 4096.0);
+        let wanted = (self.image.rays / RAYS_PER_CELL).max(1) as f32;
+        let across = (wanted * size[0] / size[1]).sqrt().clamp(1.0, MAX_SIDE);
         let columns = across.ceil() as usize;
-        let rows = ((wanted / across).ceil() as usize).clamp(1, 4096);
+        let rows = (wanted / across).ceil().clamp(1.0, MAX_SIDE) as usize;
+        (cells.columns, cells.rows) = (columns, rows);
         let steps = [columns as f32, rows as f32];
-        self.image.fit(low, high, steps);
+        self.image.projection.fit(low, high, steps);
+        let local = self.image.projection.in_frame_of(None, self.reach);
+        cells.local = Some(local);
         let scale = [0, 1].map(|k| steps[k] / size[k]);
-        // Count the rays of each cell, and give them whole blocks
-        let mut cell_of = Vec::with_capacity(self.count);
-        let mut next = vec![0_u32; columns * rows];
-        for p in &mut at {
-            (p[0], p[1]) = ((p[0] - low[0]) * scale[0], (p[1] - low[1]) * scale[1]);
-            p[2] = if is_parallel { -p[2] } else { 1.0 / p[2] };
-            let x = (p[0] as usize).min(columns - 1);
-            let y = (p[1] as usize).min(rows - 1);
-            cell_of.push((y * columns + x) as u32);
-            next[y * columns + x] += 1;
+        cells.count::<L>(self.rays, low, scale, local.is_parallel());
+        cells.give_blocks();
+        cells.fill(self.rays);
+        local
+    }
+
+    /// Finds image position and depth of the start of each ray, and the box around them.
+    #[inline(always)]
+    fn place<L: Lanes>(&mut self) -> ([f32; 2], [f32; 2]) {
+        let local = self.image.projection.in_frame_of(None, self.reach);
+        let arriving = self.rays.arriving;
+        let at = &mut self.cells.at;
+        at.clear();
+        at.resize(arriving.lit.len(), Starts::default());
+        let (far, none) = (L::splat(f32::INFINITY), L::splat(f32::NEG_INFINITY));
+        let (mut low, mut high) = ([far; 2], [none; 2]);
+        for (index, lit) in arriving.lit.iter().enumerate() {
+            if *lit == 0 {
+                continue;
+            }
+            let place = local.project(V3::<L>::load(&arriving.start[index]));
+            at[index] = place.store();
+            let lit = L::Mask::from_bits(*lit);
+            for k in 0..2 {
+                low[k] = L::select(lit, place.0[k], far).min(low[k]);
+                high[k] = L::select(lit, place.0[k], none).max(high[k]);
+            }
         }
-        let mut first = Vec::with_capacity(next.len() + 1);
+        let (low, high) = (
+            [low[0].store(), low[1].store()],
+            [high[0].store(), high[1].store()],
+        );
+        (
+            low.map(|v| v.0.into_iter().fold(f32::INFINITY, f32::min)),
+            high.map(|v| v.0.into_iter().fold(f32::NEG_INFINITY, f32::max)),
+        )
+    }
+}
+
+impl Cells {
+    /// Finds the cell of each ray, and how many each cell has.
+    #[inline(always)]
+    fn count<L: Lanes>(
+        &mut self,
+        rays: &LightRays<'_>,
+        low: [f32; 2],
+        scale: [f32; 2],
+        is_parallel: bool,
+    ) {
+        self.next.clear();
+        self.next.resize(self.columns * self.rows, 0);
+        self.cell_of.clear();
+        self.cell_of.resize(rays.lit().len(), [0; LANES]);
+        let (zero, one) = (L::splat(0.0), L::splat(1.0));
+        let last = [
+            L::splat((self.columns - 1) as f32),
+            L::splat((self.rows - 1) as f32),
+        ];
+        for (index, lit) in rays.lit().iter().enumerate() {
+            if *lit == 0 {
+                continue;
+            }
+            let V3([x, y, z]) = V3::<L>::load(&self.at[index]);
+            let x = (x - L::splat(low[0])) * L::splat(scale[0]);
+            let y = (y - L::splat(low[1])) * L::splat(scale[1]);
+            let near = if is_parallel { zero - z } else { one / z };
+            self.at[index] = V3([x, y, near]).store();
+            let column = x.max(zero).min(last[0]).trunc();
+            let row = y.max(zero).min(last[1]).trunc();
+            // Whole numbers below 2^24 are exact
+            let cell = (row * L::splat(self.columns as f32) + column).to_i32();
+            for lane in lanes_of(*lit) {
+                self.cell_of[index][lane] = cell[lane] as u32;
+                self.next[cell[lane] as usize] += 1;
+            }
+        }
+    }
+
+    /// Gives each cell whole blocks.
+    fn give_blocks(&mut self) {
+        self.first.clear();
         let mut total = 0;
-        for slot in &mut next {
-            first.push(total);
-            total += slot.div_ceil(LANES as u32);
-            *slot = first[first.len() - 1] * LANES as u32;
+        for slot in &mut self.next {
+            self.first.push(total);
+            let blocks = slot.div_ceil(LANES as u32);
+            *slot = total * LANES as u32;
+            total += blocks;
         }
-        first.push(total);
-        // Move the rays there
+        self.first.push(total);
+    }
+
+    /// Moves the rays to their cells.
+    #[inline(always)]
+    fn fill(&mut self, rays: &LightRays<'_>) {
+        let total = self.first[self.first.len() - 1] as usize;
         let nothing = Head {
             lowest: f32::INFINITY,
             present: 0,
             open: 0,
             block: UNTOUCHED,
         };
-        let mut rays = vec![[0; LANES]; total as usize];
-        let mut heads = vec![nothing; total as usize];
-        let mut starts = vec![Starts::default(); total as usize];
-        let tile_columns = columns.div_ceil(TILE);
-        let mut tiles = vec![f32::INFINITY; tile_columns * rows.div_ceil(TILE)];
-        for (ray, (cell, p)) in cell_of.iter().zip(&at).enumerate() {
-            let slot = next[*cell as usize] as usize;
-            next[*cell as usize] += 1;
-            let (block, lane) = (slot / LANES, slot % LANES);
-            rays[block][lane] = ray as u32;
-            for (start, v) in starts[block].iter_mut().zip(p) {
-                start.0[lane] = *v;
+        self.blocks.clear();
+        self.rays.clear();
+        self.rays.resize(total, [0; LANES]);
+        self.heads.clear();
+        self.heads.resize(total, nothing);
+        self.starts.clear();
+        self.starts.resize(total, Starts::default());
+        self.tile_columns = self.columns.div_ceil(TILE);
+        self.tiles.clear();
+        self.tiles
+            .resize(self.tile_columns * self.rows.div_ceil(TILE), f32::INFINITY);
+        for (index, lit) in rays.lit().iter().enumerate() {
+            for lane in lanes_of(*lit) {
+                let cell = self.cell_of[index][lane] as usize;
+                let slot = self.next[cell] as usize;
+                self.next[cell] += 1;
+                let (block, to) = (slot / LANES, slot % LANES);
+                self.rays[block][to] = (index * LANES + lane) as u32;
+                for k in 0..3 {
+                    self.starts[block][k].0[to] = self.at[index][k].0[lane];
+                }
+                let near = self.at[index][2].0[lane];
+                let head = &mut self.heads[block];
+                head.lowest = head.lowest.min(near);
+                head.present |= 1 << to;
+                head.open = head.present;
             }
-            let head = &mut heads[block];
-            head.lowest = head.lowest.min(p[2]);
-            head.present |= 1 << lane;
-            head.open = head.present;
-            let (x, y) = (*cell as usize % columns, *cell as usize / columns);
-            let tile = &mut tiles[y / TILE * tile_columns + x / TILE];
-            *tile = tile.min(p[2]);
         }
-        Cells {
-            columns,
-            rows,
-            first,
-            heads,
-            starts,
-            rays,
-            blocks: Vec::new(),
-            tiles,
-            tile_columns,
-        }
-    }
-
-    /// Image position and depth of the start of each ray.
-    #[inline(always)]
-    fn place<L: Lanes>(&self, local: &LocalProjection, at: &mut Vec<[f32; 3]>) {
-        for (index, block) in self.blocks.iter().enumerate() {
-            let V3([x, y, z]) = local.project(V3::<L>::load(&block.origin));
-            let (x, y, z) = (x.store().0, y.store().0, z.store().0);
-            for k in 0..LANES.min(self.count - (index * LANES).min(self.count)) {
-                at.push([x[k], y[k], z[k]]);
+        // Find the smallest nearness of each tile
+        for row in 0..self.rows {
+            let tiles = row / TILE * self.tile_columns;
+            for column in 0..self.columns {
+                let cell = row * self.columns + column;
+                let blocks = self.first[cell] as usize..self.first[cell + 1] as usize;
+                let tile = &mut self.tiles[tiles + column / TILE];
+                for head in &self.heads[blocks] {
+                    *tile = tile.min(head.lowest);
+                }
             }
         }
     }
 }
 
 impl Cells {
+    /// Whether something in the cells `[first, last]` that comes as near as `nearest` to the light is behind all rays.
+    #[inline(always)]
+    fn is_hidden(&self, [first, last]: [[usize; 2]; 2], nearest: f32) -> bool {
+        for row in first[1] / TILE..=last[1] / TILE {
+            let row = row * self.tile_columns;
+            let tiles = &self.tiles[row + first[0] / TILE..=row + last[0] / TILE];
+            if tiles.iter().any(|lowest| *lowest <= nearest) {
+                return false;
+            }
+        }
+        true
+    }
+
     /// Closes the rays that a triangle blocks in the cells `[first, last]`; `lane` is its place among the slopes.
     #[inline(always)]
     fn draw<L: Lanes>(
         &mut self,
-        rays: &[RayBlock],
+        rays: &LightRays<'_>,
         corners: &[[f32; 3]; 3],
         [first, last]: [[usize; 2]; 2],
+        nearest: f32,
         slopes: &Slopes,
         lane: usize,
     ) {
-        let nearest = slopes.nearest.0[lane];
-        let tile_rows = first[1] / TILE..=last[1] / TILE;
-        let is_hidden = tile_rows.into_iter().all(|row| {
-            let row = row * self.tile_columns;
-            let tiles = &self.tiles[row + first[0] / TILE..=row + last[0] / TILE];
-            tiles.iter().all(|lowest| nearest < *lowest)
-        });
-        if is_hidden {
-            return;
-        }
-
         let (a, b, c) = (
             L::splat(slopes.a.0[lane]),
             L::splat(slopes.b.0[lane]),
@@ -337,30 +516,23 @@ impl Cells {
 }
 
 impl CellBlock {
-    /// The rays `numbers` of `rays` in the lanes `present`.
+    /// The rays `numbers` of a light in the lanes `present`.
     #[inline(always)]
-    fn gather<L: Lanes>(rays: &[RayBlock], numbers: &[u32; LANES], present: u32) -> Self {
-        let mut direction = [Eight([1.0; LANES]); 3];
-        let mut own = Self {
-            origin: [Eight::default(); 3],
-            t_max: Eight::default(),
-            shear: ShearBlock::default(),
-        };
+    fn gather<L: Lanes>(rays: &LightRays<'_>, numbers: &[u32; LANES], present: u32) -> Self {
+        let mut origin = [Eight::default(); 3];
         for lane in lanes_of(present) {
-            let (from, k) = (
-                &rays[numbers[lane] as usize / LANES],
-                numbers[lane] as usize % LANES,
-            );
-            for (to, from) in own.origin.iter_mut().zip(&from.origin) {
-                to.0[lane] = from.0[k];
+            let ray = numbers[lane] as usize;
+            let start = &rays.arriving.start[ray / LANES];
+            for axis in 0..3 {
+                origin[axis].0[lane] = start[axis].0[ray % LANES];
             }
-            for (to, from) in direction.iter_mut().zip(&from.direction) {
-                to.0[lane] = from.0[k];
-            }
-            own.t_max.0[lane] = from.t_max.0[k];
         }
-        own.shear = ShearBlock::new::<L>(&direction, present);
-        own
+        let direction = rays.directions(V3::<L>::load(&origin)).store();
+        Self {
+            origin,
+            t_max: Eight([rays.t_max(); LANES]),
+            shear: ShearBlock::new::<L>(&direction, present),
+        }
     }
 
     /// The lanes of `open` that a triangle leaves open.
@@ -397,6 +569,7 @@ mod tests {
     use crate::math::Rgb;
     use crate::ray::Ray;
     use crate::scene::Scene;
+    use crate::sight::Sight;
     use crate::{Material, Normals};
     use facile_core::rng::RandomStream;
     use facile_core::{Mesh, Point3};
@@ -417,6 +590,22 @@ mod tests {
         let mut scene = Scene::default();
         scene.add(Object::new(&mesh, Normals::Flat, Material::default()).expect("valid"));
         scene
+    }
+
+    /// Where rays start, all lit.
+    fn starts(rays: &[Ray]) -> Arriving {
+        let mut arriving = Arriving::default();
+        for chunk in rays.chunks(LANES) {
+            let mut start = [Eight::default(); 3];
+            for (lane, ray) in chunk.iter().enumerate() {
+                for k in 0..3 {
+                    start[k].0[lane] = ray.origin[k];
+                }
+            }
+            arriving.start.push(start);
+            arriving.lit.push(0xFF >> (LANES - chunk.len()));
+        }
+        arriving
     }
 
     #[test]
@@ -440,14 +629,16 @@ mod tests {
                     }
                 })
                 .collect();
-            let mut blocks = vec![RayBlock::default(); rays.len().div_ceil(LANES)];
-            for (i, ray) in rays.iter().enumerate() {
-                blocks[i / LANES].set(i % LANES, ray);
-            }
-            let image = image_of(&light, &blocks, rays.len()).expect("all on one side");
-            assert!(suits(&scene.objects()[0], &image, rays.len()));
-            let mut found = Vec::new();
-            scene.blocked(Some(&light), &blocks, rays.len(), &mut found);
+            let arriving = starts(&rays);
+            let image = image_of(&LightRays {
+                light: &light,
+                arriving: &arriving,
+            });
+            let image = image.expect("all on one side");
+            assert!(suits(&scene.objects()[0], &image.projection, image.rays));
+            let mut sight = Sight::default();
+            scene.sight(&light, &arriving, &mut sight);
+            let found = sight.blocked;
             let mut blocked = 0;
             for (i, ray) in rays.iter().enumerate() {
                 let expected = scene.any_opaque_hit(ray);
@@ -467,19 +658,22 @@ mod tests {
 
     #[test]
     fn a_light_among_the_rays_has_no_image() {
-        let mut blocks = [RayBlock::default()];
-        for lane in 0..LANES {
-            let start = Vec3::new(lane as f32 - 4.0, 0.0, 0.0);
-            blocks[0].set(lane, &Ray::new(start, Vec3::y()));
-        }
+        let rays: Vec<Ray> = (0..LANES)
+            .map(|i| Ray::new(Vec3::new(i as f32 - 4.0, 0.0, 0.0), Vec3::y()))
+            .collect();
+        let arriving = starts(&rays);
+        let image_of = |light: &Light| {
+            let arriving = &arriving;
+            image_of(&LightRays { light, arriving }).map(|i| i.rays)
+        };
         let power = Rgb::repeat(1.0);
         let position = Vec3::new(-0.5, 0.0, 0.0);
-        assert!(image_of(&Light::Point { position, power }, &blocks, LANES).is_none());
+        assert!(image_of(&Light::Point { position, power }).is_none());
         let ambient = Light::Ambient {
             power,
             slope: power,
             up: Vec3::y(),
         };
-        assert!(image_of(&ambient, &blocks, LANES).is_none());
+        assert!(image_of(&ambient).is_none());
     }
 }

@@ -20,7 +20,6 @@ pub(crate) struct Slopes {
     pub(crate) a: Eight,
     pub(crate) b: Eight,
     pub(crate) c: Eight,
-    pub(crate) nearest: Eight,
     /// Box around the triangle, in cells.
     pub(crate) low: [Eight; 2],
     pub(crate) high: [Eight; 2],
@@ -51,12 +50,7 @@ impl Slopes {
         let share = rounding * (size_x + size_y) / magnitude(area);
         let steepness =
             magnitude(slope_x) * (size_x + rounding) + magnitude(slope_y) * (size_y + rounding);
-        let nearest = near[0].max(near[1]).max(near[2]);
-        let slack = if is_parallel {
-            L::splat(NEARNESS_SLACK * reach)
-        } else {
-            nearest * L::splat(NEARNESS_SLACK)
-        };
+        let slack = slack(near[0].max(near[1]).max(near[2]), is_parallel, reach);
         let margin = slack
             + steepness * share * L::splat(4.0)
             + (magnitude(slope_x) + magnitude(slope_y)) * rounding * L::splat(4.0);
@@ -71,7 +65,6 @@ impl Slopes {
                 L::splat(f32::INFINITY),
             )
             .store(),
-            nearest: (nearest + slack).store(),
             low: [
                 (ax.min(bx).min(cx) - L::splat(BOX_MARGIN) - rounding).store(),
                 (ay.min(by).min(cy) - L::splat(BOX_MARGIN) - rounding).store(),
@@ -81,6 +74,26 @@ impl Slopes {
                 (ay.max(by).max(cy) + L::splat(BOX_MARGIN) + rounding).store(),
             ],
         }
+    }
+}
+
+/// How near eight triangles come to the light, margin included, given by their smallest depths.
+#[inline(always)]
+pub(crate) fn nearest<L: Lanes>(depth: L, is_parallel: bool, reach: f32) -> Eight {
+    let near = if is_parallel {
+        L::splat(0.0) - depth
+    } else {
+        L::splat(1.0) / depth
+    };
+    (near + slack(near, is_parallel, reach)).store()
+}
+
+#[inline(always)]
+fn slack<L: Lanes>(nearest: L, is_parallel: bool, reach: f32) -> L {
+    if is_parallel {
+        L::splat(NEARNESS_SLACK * reach)
+    } else {
+        nearest * L::splat(NEARNESS_SLACK)
     }
 }
 

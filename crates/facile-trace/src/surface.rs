@@ -1,14 +1,16 @@
-//! The surfaces that primary rays hit, eight at a time: what shading and labels need to know, light left out.
+//! The surfaces that rays hit, eight at a time: what shading and labels need to know, light left out.
 //!
-//! The same operations as the scalar [`crate::interaction`], which secondary rays use: each lane gives its bits.
+//! Vertices are fetched as rows of eight numbers and turned into lanes. The same operations as the scalar
+//! [`crate::interaction`]: each lane gives its bits.
 
 use facile_core::color::LINEAR_FROM_SRGB8;
 
-use crate::interaction::{Interaction, diffuse_weight};
-use crate::lanes::{Eight, Kernel, LANES, LaneMask, Lanes, V3, run};
+use crate::interaction::albedo;
+use crate::lanes::{Eight, Kernel, LANES, LaneMask, Lanes, V3, lanes_of, run};
 use crate::material::{Albedo, Material};
 use crate::math::{Rgb, Vec3};
-use crate::ray::{Hit, Ray};
+use crate::object::Object;
+use crate::ray::Hit;
 use crate::scene::Scene;
 
 /// Eight surface points. Lanes without a hit hold nothing of use.
@@ -40,14 +42,13 @@ pub(crate) struct SurfaceBlock {
     pub(crate) spawns: u32,
 }
 
-/// The surfaces at hits; `directions` are those of the rays that hit, of any length.
+/// Appends the surfaces at hits; `directions` are those of the rays that hit, of any length.
 pub(crate) fn surfaces(
     scene: &Scene,
     hits: &[Hit],
     directions: &[[f32; 3]],
     out: &mut Vec<SurfaceBlock>,
 ) {
-    out.clear();
     run(Surfaces {
         scene,
         hits,
@@ -68,267 +69,332 @@ impl Kernel for Surfaces<'_> {
 
     #[inline(always)]
     fn run<L: Lanes>(self) {
-        self.out.reserve(self.hits.len().div_ceil(LANES));
         let table: &[f32; 256] = &LINEAR_FROM_SRGB8;
-        let mut gathered = Gathered::default();
+        let mut look = Look::default();
         for (hits, directions) in self.hits.chunks(LANES).zip(self.directions.chunks(LANES)) {
-            let materials = gathered.fill(self.scene, hits, directions);
-            let texels = gathered.fetch_texels::<L>(&materials, hits, self.scene, table);
-            self.out.push(gathered.surface::<L>(&texels));
+            let found = Found::new(self.scene, hits, directions);
+            look.take(&found.materials);
+            let corners = found.corners::<L>(self.scene, hits);
+            let albedo = found.albedo::<L>(&corners, &look, self.scene, hits, table);
+            let block = found.surface::<L>(&corners, &look, albedo);
+            self.out.push(block);
         }
     }
 }
 
-/// What eight colours are mixed from: four texels, or one value four times.
+/// What eight materials are. Lanes without one hold any.
 #[derive(Default)]
-struct Texels {
-    corners: [[Eight; 3]; 4],
-    fraction: [Eight; 2],
-    tint: [Eight; 3],
-}
-
-/// What is fetched for eight hits. Idle lanes keep what they held.
-struct Gathered {
-    corners: [[Eight; 3]; 3],
-    normals: [[Eight; 3]; 3],
-    direction: [Eight; 3],
-    u: Eight,
-    v: Eight,
-    /// Texture coordinates of the corners.
-    texcoords: [[Eight; 2]; 3],
-    weight: Eight,
+struct Look<'a> {
+    /// The material of all lanes, if they have the same.
+    of_all: Option<&'a Material>,
     exposure: Eight,
     specular: Eight,
     shininess: Eight,
     roughness: Eight,
-    hit: u32,
-    /// Lanes with vertex normals.
-    smooth: u32,
+    reflectivity: Eight,
+    tint: [Eight; 3],
+    /// Columns and rows of the texture, 1 without one.
+    size: [Eight; 2],
+    /// Lanes that let light pass.
+    transparent: u32,
+    /// Lanes that send out rays of their own.
     spawns: u32,
 }
 
-impl Default for Gathered {
-    fn default() -> Self {
-        let zero = Eight::default();
-        Self {
-            corners: [[zero; 3]; 3],
-            normals: [[zero; 3]; 3],
-            direction: [zero; 3],
-            u: zero,
-            v: zero,
-            texcoords: [[zero; 2]; 3],
-            weight: zero,
-            exposure: zero,
-            specular: zero,
-            shininess: zero,
-            roughness: zero,
-            hit: 0,
-            smooth: 0,
-            spawns: 0,
+impl<'a> Look<'a> {
+    /// Takes over eight materials; neighbours mostly have the one of the eight before.
+    #[inline(always)]
+    fn take(&mut self, materials: &[Option<&'a Material>; LANES]) {
+        let mut present = materials.iter().flatten();
+        let Some(first) = present.next() else {
+            return;
+        };
+        if present.all(|m| std::ptr::eq(*m, *first)) {
+            if !self.of_all.is_some_and(|m| std::ptr::eq(m, *first)) {
+                (0..LANES).for_each(|lane| self.set(lane, first));
+                self.of_all = Some(first);
+            }
+            return;
         }
+        self.of_all = None;
+        for (lane, material) in materials.iter().enumerate() {
+            if let Some(material) = material {
+                self.set(lane, material);
+            }
+        }
+    }
+
+    fn set(&mut self, lane: usize, material: &Material) {
+        self.exposure.0[lane] = material.exposure;
+        self.specular.0[lane] = material.specular;
+        self.shininess.0[lane] = material.shininess;
+        self.roughness.0[lane] = material.roughness;
+        self.reflectivity.0[lane] = material.reflectivity;
+        let (size, tint) = match &material.albedo {
+            Albedo::Texture { texture, tint } => {
+                ([texture.width() as f32, texture.height() as f32], *tint)
+            }
+            Albedo::Constant(_) | Albedo::VertexColor => ([1.0; 2], Rgb::repeat(1.0)),
+        };
+        for k in 0..2 {
+            self.size[k].0[lane] = size[k];
+        }
+        for k in 0..3 {
+            self.tint[k].0[lane] = tint[k];
+        }
+        let bit = 1 << lane;
+        self.transparent &= !bit;
+        self.spawns &= !bit;
+        self.transparent |= u32::from(material.is_transparent()) << lane;
+        self.spawns |= u32::from(material.spawns_rays()) << lane;
     }
 }
 
-impl Gathered {
-    /// Fetches vertices and materials, and returns the materials.
+/// Eight hits, and the materials there.
+struct Found<'a> {
+    direction: [Eight; 3],
+    u: Eight,
+    v: Eight,
+    materials: [Option<&'a Material>; LANES],
+    hit: u32,
+    /// Lanes with vertex normals.
+    smooth: u32,
+}
+
+/// The triangles of eight hits, in the world.
+struct Corners<L> {
+    positions: [V3<L>; 3],
+    normals: [V3<L>; 3],
+    texcoords: [[L; 2]; 3],
+    /// Of the corners.
+    weights: [L; 3],
+}
+
+impl<'a> Found<'a> {
     #[inline(always)]
-    fn fill<'a>(
-        &mut self,
-        scene: &'a Scene,
-        hits: &[Hit],
-        directions: &[[f32; 3]],
-    ) -> [Option<&'a Material>; LANES] {
-        let mut materials = [None; LANES];
-        (self.hit, self.smooth, self.spawns) = (0, 0, 0);
+    fn new(scene: &'a Scene, hits: &[Hit], directions: &[[f32; 3]]) -> Self {
+        let mut found = Self {
+            direction: [Eight::default(); 3],
+            u: Eight::default(),
+            v: Eight::default(),
+            materials: [None; LANES],
+            hit: 0,
+            smooth: 0,
+        };
         for (lane, (hit, direction)) in hits.iter().zip(directions).enumerate() {
             if !hit.is_some() {
                 continue;
             }
-            self.hit |= 1 << lane;
+            found.hit |= 1 << lane;
+            let object = &scene.objects()[hit.object as usize];
+            found.smooth |= u32::from(!object.geometry.normals.is_empty()) << lane;
+            found.materials[lane] = Some(object.material(hit.triangle));
+            (found.u.0[lane], found.v.0[lane]) = (hit.u, hit.v);
+            for axis in 0..3 {
+                found.direction[axis].0[lane] = direction[axis];
+            }
+        }
+        found
+    }
+
+    /// Fetches the triangles.
+    #[inline(always)]
+    fn corners<L: Lanes>(&self, scene: &'a Scene, hits: &[Hit]) -> Corners<L> {
+        const NOWHERE: &Eight = &Eight([0.0; LANES]);
+        const MIDDLE: &Eight = &Eight([0.5; LANES]);
+        let mut corners = [[&NOWHERE.0; LANES]; 3];
+        let mut texcoords = [&MIDDLE.0; LANES];
+        let mut moved = [[Eight::default(); 3]; LANES];
+        let mut posed = 0;
+        for lane in lanes_of(self.hit) {
+            let hit = &hits[lane];
             let object = &scene.objects()[hit.object as usize];
             let geometry = &object.geometry;
             let triangle = geometry.triangles[hit.triangle as usize];
-            let has_normals = !geometry.normals.is_empty();
-            self.smooth |= u32::from(has_normals) << lane;
             for k in 0..3 {
-                let v = triangle[k] as usize;
-                let mut corner = geometry.positions[v];
-                let mut normal = geometry.normals.get(v).copied().unwrap_or_default();
-                if object.world_from_object.is_some() {
-                    corner = object.point_in_world(corner);
-                    normal = object.vector_in_world(normal);
-                }
-                for axis in 0..3 {
-                    self.corners[k][axis].0[lane] = corner[axis];
-                    self.normals[k][axis].0[lane] = normal[axis];
-                }
+                corners[k][lane] = &geometry.vertex_rows[triangle[k] as usize].0;
             }
-            if let Some(texcoords) = geometry.texcoords.get(hit.triangle as usize) {
+            if object.world_from_object.is_some() {
+                posed |= 1 << lane;
                 for k in 0..3 {
-                    self.texcoords[k][0].0[lane] = texcoords[k][0];
-                    self.texcoords[k][1].0[lane] = texcoords[k][1];
-                }
-            } else {
-                for k in 0..3 {
-                    self.texcoords[k][0].0[lane] = 0.5;
-                    self.texcoords[k][1].0[lane] = 0.5;
+                    moved[lane][k] = row_in_world(object, corners[k][lane]);
                 }
             }
-            for axis in 0..3 {
-                self.direction[axis].0[lane] = direction[axis];
-            }
-            (self.u.0[lane], self.v.0[lane]) = (hit.u, hit.v);
-            let material = object.material(hit.triangle);
-            materials[lane] = Some(material);
-            self.exposure.0[lane] = material.exposure;
-            self.specular.0[lane] = material.specular;
-            self.shininess.0[lane] = material.shininess;
-            self.roughness.0[lane] = material.roughness;
-            self.weight.0[lane] = 1.0;
-            if material.spawns_rays() {
-                self.spawns |= 1 << lane;
-                // Rare, so not worth lanes of its own
-                let ray = Ray::new(Vec3::zeros(), Vec3::from(*direction));
-                let point = Interaction::new(scene, &ray, hit);
-                self.weight.0[lane] = diffuse_weight(&point, material);
+            if let Some(row) = geometry.texcoord_rows.get(hit.triangle as usize) {
+                texcoords[lane] = &row.0;
             }
         }
-        materials
+        for lane in lanes_of(posed) {
+            for k in 0..3 {
+                corners[k][lane] = &moved[lane][k].0;
+            }
+        }
+        let [a, b, c] = [
+            L::transpose(corners[0]),
+            L::transpose(corners[1]),
+            L::transpose(corners[2]),
+        ];
+        let t = L::transpose(texcoords);
+        let (u, v) = (L::load(&self.u), L::load(&self.v));
+        Corners {
+            positions: [
+                V3([a[0], a[1], a[2]]),
+                V3([b[0], b[1], b[2]]),
+                V3([c[0], c[1], c[2]]),
+            ],
+            normals: [
+                V3([a[3], a[4], a[5]]),
+                V3([b[3], b[4], b[5]]),
+                V3([c[3], c[4], c[5]]),
+            ],
+            texcoords: [[t[0], t[1]], [t[2], t[3]], [t[4], t[5]]],
+            weights: [L::splat(1.0) - u - v, u, v],
+        }
     }
 
-    /// Fetches what the colours are mixed from, as [`facile_core::Texture::sample`] does.
+    /// The diffuse colours, as [`facile_core::Texture::sample`] gives them.
     #[inline(always)]
-    fn fetch_texels<L: Lanes>(
+    fn albedo<L: Lanes>(
         &self,
-        materials: &[Option<&Material>; LANES],
-        hits: &[Hit],
+        corners: &Corners<L>,
+        look: &Look<'_>,
         scene: &Scene,
+        hits: &[Hit],
         table: &[f32; 256],
-    ) -> Texels {
-        let mut texels = Texels::default();
-        let mut size = [Eight([1.0; LANES]); 2];
-        let texture_of = |material: Option<&Material>| match material {
-            Some(Material {
-                albedo: Albedo::Texture { texture, .. },
-                ..
-            }) => Some((texture.width(), texture.height())),
-            _ => None,
-        };
-        for (lane, material) in materials.iter().enumerate() {
-            if let Some((width, height)) = texture_of(*material) {
-                (size[0].0[lane], size[1].0[lane]) = (width as f32, height as f32);
-            }
-        }
+    ) -> V3<L> {
         // Find the texels around each point
-        let (u, v) = (L::load(&self.u), L::load(&self.v));
-        let weights = [L::splat(1.0) - u - v, u, v];
-        let one = L::splat(1.0);
-        let half = L::splat(0.5);
-        let (width, height) = (L::load(&size[0]), L::load(&size[1]));
-        let x = self.texcoord(0, &weights) * width - half;
-        let y = (one - self.texcoord(1, &weights)) * height - half;
+        let (one, half) = (L::splat(1.0), L::splat(0.5));
+        let (width, height) = (L::load(&look.size[0]), L::load(&look.size[1]));
+        let x = corners.texcoord(0) * width - half;
+        let y = (one - corners.texcoord(1)) * height - half;
         let (x0, x1, fx) = neighbours(x, width);
         let (y0, y1, fy) = neighbours(y, height);
-        texels.fraction = [fx.store(), fy.store()];
         // Fetch them
-        for (lane, material) in materials.iter().enumerate() {
+        let mut texels = [[Eight::default(); 3]; 4];
+        for (lane, material) in self.materials.iter().enumerate() {
             let Some(material) = material else { continue };
-            let (found, tint) = match &material.albedo {
-                Albedo::Texture { texture, tint } => {
+            let found = match &material.albedo {
+                Albedo::Texture { texture, .. } => {
                     let (all, width) = (texture.texels(), texture.width());
                     let (top, bottom) = (y0[lane] as usize * width, y1[lane] as usize * width);
                     let (left, right) = (x0[lane] as usize, x1[lane] as usize);
-                    let found = [
+                    [
                         linear(all[top + left], table),
                         linear(all[top + right], table),
                         linear(all[bottom + left], table),
                         linear(all[bottom + right], table),
-                    ];
-                    (found, *tint)
+                    ]
                 }
-                Albedo::Constant(color) => ([(*color).into(); 4], Rgb::repeat(1.0)),
+                Albedo::Constant(color) => [(*color).into(); 4],
                 Albedo::VertexColor => {
                     let object = &scene.objects()[hits[lane].object as usize];
-                    let color = crate::interaction::albedo(object, &hits[lane]);
-                    ([color.into(); 4], Rgb::repeat(1.0))
+                    [albedo(object, &hits[lane]).into(); 4]
                 }
             };
-            for k in 0..3 {
-                texels.corners[0][k].0[lane] = found[0][k];
-                texels.corners[1][k].0[lane] = found[1][k];
-                texels.corners[2][k].0[lane] = found[2][k];
-                texels.corners[3][k].0[lane] = found[3][k];
-                texels.tint[k].0[lane] = tint[k];
+            for corner in 0..4 {
+                for k in 0..3 {
+                    texels[corner][k].0[lane] = found[corner][k];
+                }
             }
         }
-        texels
+        // Mix them
+        V3([
+            bilinear(&texels, 0, [fx, fy]) * L::load(&look.tint[0]),
+            bilinear(&texels, 1, [fx, fy]) * L::load(&look.tint[1]),
+            bilinear(&texels, 2, [fx, fy]) * L::load(&look.tint[2]),
+        ])
     }
 
     #[inline(always)]
-    fn texcoord<L: Lanes>(&self, axis: usize, weights: &[L; 3]) -> L {
-        let [p, q, r] = &self.texcoords;
-        L::load(&p[axis]) * weights[0]
-            + L::load(&q[axis]) * weights[1]
-            + L::load(&r[axis]) * weights[2]
-    }
-
-    #[inline(always)]
-    fn surface<L: Lanes>(&self, texels: &Texels) -> SurfaceBlock {
-        let corners = [
-            V3::<L>::load(&self.corners[0]),
-            V3::load(&self.corners[1]),
-            V3::load(&self.corners[2]),
-        ];
-        let (u, v) = (L::load(&self.u), L::load(&self.v));
-        let weights = [L::splat(1.0) - u - v, u, v];
-        let position = blend(&corners, &weights);
+    fn surface<L: Lanes>(
+        &self,
+        corners: &Corners<L>,
+        look: &Look<'_>,
+        albedo: V3<L>,
+    ) -> SurfaceBlock {
+        let (zero, one) = (L::splat(0.0), L::splat(1.0));
+        let (places, weights) = (&corners.positions, &corners.weights);
+        let position = blend(places, weights);
         // Orient the triangle's normal to the ray's side
         let direction = V3::<L>::load(&self.direction);
-        let area_vector = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
+        let area_vector = (places[1] - places[0]).cross(places[2] - places[0]);
         let flat = area_vector.unit_or(V3::splat([0.0, 1.0, 0.0]));
-        let is_outside = flat.dot(direction).le(L::splat(0.0));
-        let side = L::select(is_outside, L::splat(1.0), L::splat(-1.0));
+        let is_outside = flat.dot(direction).le(zero);
+        let side = L::select(is_outside, one, L::splat(-1.0));
         let flat = flat.scale(side);
         // Mix the vertices' normals
         let normals = [
-            V3::load(&self.normals[0]).scale(side),
-            V3::load(&self.normals[1]).scale(side),
-            V3::load(&self.normals[2]).scale(side),
+            corners.normals[0].scale(side),
+            corners.normals[1].scale(side),
+            corners.normals[2].scale(side),
         ];
         let smooth = L::Mask::from_bits(self.smooth);
-        let normal = V3::select(smooth, blend(&normals, &weights).unit_or(flat), flat);
-        let lifted = lift(position, &corners, &normals, &weights);
-        let albedo = V3([texels.mix::<L>(0), texels.mix::<L>(1), texels.mix::<L>(2)]);
+        let normal = V3::select(smooth, blend(&normals, weights).unit_or(flat), flat);
+        let lifted = lift(position, places, &normals, weights);
+        let lifted = V3::select(smooth, lifted, position);
+        let view = direction.negate().unit_or(flat);
+        // Leave the diffuse layer what is not mirrored
+        let spawns = look.spawns & self.hit;
+        let mut weight = one;
+        if spawns != 0 {
+            let reflectivity = L::load(&look.reflectivity);
+            let rest = one - fresnel(reflectivity, normal.dot(view));
+            let opaque = L::select(zero.lt(reflectivity), rest, one);
+            weight = L::select(L::Mask::from_bits(look.transparent), zero, opaque);
+        }
         SurfaceBlock {
-            lifted: V3::select(smooth, lifted, position).store(),
+            lifted: lifted.store(),
             flat_normal: flat.store(),
             normal: normal.store(),
-            view: direction.negate().unit_or(flat).store(),
+            view: view.store(),
             albedo: albedo.store(),
-            weight: self.weight,
-            exposure: self.exposure,
-            specular: self.specular,
-            shininess: self.shininess,
-            roughness: self.roughness,
+            weight: weight.store(),
+            exposure: look.exposure,
+            specular: look.specular,
+            shininess: look.shininess,
+            roughness: look.roughness,
             hit: self.hit,
-            spawns: self.spawns,
+            spawns,
         }
     }
 }
 
-impl Texels {
-    /// One channel of the colour, bilinear.
+impl<L: Lanes> Corners<L> {
     #[inline(always)]
-    fn mix<L: Lanes>(&self, channel: usize) -> L {
-        let (fx, fy) = (L::load(&self.fraction[0]), L::load(&self.fraction[1]));
-        let a = L::load(&self.corners[0][channel]);
-        let b = L::load(&self.corners[1][channel]);
-        let c = L::load(&self.corners[2][channel]);
-        let d = L::load(&self.corners[3][channel]);
-        let top = a + (b - a) * fx;
-        let bottom = c + (d - c) * fx;
-        (top + (bottom - top) * fy) * L::load(&self.tint[channel])
+    fn texcoord(&self, axis: usize) -> L {
+        let [p, q, r] = &self.texcoords;
+        let weights = &self.weights;
+        p[axis] * weights[0] + q[axis] * weights[1] + r[axis] * weights[2]
     }
+}
+
+/// A row of [`crate::geometry::Geometry::vertex_rows`], moved to the world.
+fn row_in_world(object: &Object, row: &[f32; LANES]) -> Eight {
+    let [x, y, z, nx, ny, nz, ..] = *row;
+    let p = object.point_in_world(Vec3::new(x, y, z));
+    let n = object.vector_in_world(Vec3::new(nx, ny, nz));
+    Eight([p.x, p.y, p.z, n.x, n.y, n.z, 0.0, 0.0])
+}
+
+/// Four texels mixed, one channel.
+#[inline(always)]
+fn bilinear<L: Lanes>(texels: &[[Eight; 3]; 4], channel: usize, [fx, fy]: [L; 2]) -> L {
+    let a = L::load(&texels[0][channel]);
+    let b = L::load(&texels[1][channel]);
+    let c = L::load(&texels[2][channel]);
+    let d = L::load(&texels[3][channel]);
+    let top = a + (b - a) * fx;
+    let bottom = c + (d - c) * fx;
+    top + (bottom - top) * fy
+}
+
+/// As [`crate::whitted::fresnel`] for surfaces that mirror.
+#[inline(always)]
+fn fresnel<L: Lanes>(at_normal: L, cosine: L) -> L {
+    let (zero, one) = (L::splat(0.0), L::splat(1.0));
+    let x = one - cosine.max(zero).min(one);
+    let x2 = x * x;
+    at_normal + (one - at_normal) * x2 * x2 * x
 }
 
 #[inline(always)]
@@ -384,8 +450,10 @@ pub(crate) fn lane(v: &[Eight; 3], k: usize) -> Vec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::interaction::{Interaction, diffuse_weight};
     use crate::math::Pose;
-    use crate::{Layer, Normals, Object};
+    use crate::ray::Ray;
+    use crate::{Layer, Normals};
     use facile_core::{Mesh, Point3, Texture};
     use std::sync::Arc;
 

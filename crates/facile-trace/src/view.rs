@@ -3,14 +3,15 @@
 //! [`trace_view`] shoots the primary rays and fills the labels; [`View::shade`] lights what they hit. One view serves any
 //! number of light settings. Only pixels inside the projected bounds of the scene are traced.
 
+use std::cell::Cell;
 use std::time::{Duration, Instant};
 
 use facile_core::Plane;
 
 use crate::TraceError;
+use crate::bounces::{BounceParams, ShadingPoints};
 use crate::camera::Camera;
 use crate::gbuffer::{CenterHits, GBuffer, Truth};
-use crate::interaction;
 use crate::lanes::LANES;
 use crate::light::{Light, LightSource};
 use crate::math::Rgb;
@@ -22,10 +23,11 @@ use crate::sampling::{
     uneven_pixels,
 };
 use crate::scene::{Layer, Scene};
+use crate::scratch;
 use crate::srgb::srgb8;
-use crate::subsurface::{self, SkinPixel};
-use crate::surface::{self, SurfaceBlock};
-use crate::whitted::{self, ShadeScratch, Shader};
+use crate::subsurface::{Skin, SkinPixel};
+use crate::surface;
+use crate::whitted::{Shaded, Shader, Wanted};
 
 /// How to render.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -70,8 +72,10 @@ pub struct View {
     bounds: Option<[usize; 4]>,
     /// What the pixels' centres see.
     centers: PixelHits,
-    /// The surfaces there; empty if there are more than [`MAX_KEPT_SURFACES`], or none is shaded.
-    surfaces: Vec<SurfaceBlock>,
+    /// The surfaces there and in their mirrors; none if there are more than [`MAX_KEPT_SURFACES`].
+    points: Option<ShadingPoints>,
+    /// Skin under which light spreads.
+    skin: Option<Skin>,
     /// Pixels with several samples: all of them, or those on the borders of objects.
     dense_pixels: Vec<[u32; 2]>,
     dense_hits: Vec<Hit>,
@@ -131,24 +135,26 @@ pub fn trace_view(
     if settings.truth.occlusion {
         behind = trace_behind(scene, camera, &centers);
     }
-    let mut surfaces = Vec::new();
-    if centers.hits.len() <= MAX_KEPT_SURFACES {
+    let points = (centers.hits.len() <= MAX_KEPT_SURFACES).then(|| {
         let directions = center_directions(camera, &centers.pixels);
-        surface::surfaces(scene, &centers.hits, &directions, &mut surfaces);
-    }
+        let mut points = ShadingPoints::default();
+        points.find(scene, &centers.hits, &directions, settings.bounces());
+        points
+    });
     let found = CenterHits {
         pixels: &centers.pixels,
         hits: &centers.hits,
         behind: &behind,
-        surfaces: &surfaces,
+        surfaces: points.as_ref().map_or(&[], |p| &p.surfaces[..]),
     };
     let gbuffer = GBuffer::new(scene, camera, settings.truth, &found);
     let mut view = View {
         camera: camera.clone(),
         settings: *settings,
         bounds,
+        skin: Skin::new(camera, skin_pixels(scene, &centers)),
         centers,
-        surfaces,
+        points,
         dense_pixels: Vec::new(),
         dense_hits: Vec::new(),
         gbuffer,
@@ -172,6 +178,36 @@ pub fn trace_view(
     }
     view.primary_time = start.elapsed();
     Ok(view)
+}
+
+impl RenderSettings {
+    fn bounces(&self) -> BounceParams {
+        BounceParams {
+            max_depth: self.max_depth,
+            offset: self.offset_mm,
+        }
+    }
+}
+
+/// The pixels under whose surface light spreads.
+fn skin_pixels(scene: &Scene, centers: &PixelHits) -> Vec<SkinPixel> {
+    let mut skin = Vec::new();
+    if !scene.objects().iter().any(Object::scatters) {
+        return skin;
+    }
+    for (sample, (hit, at)) in centers.hits.iter().zip(&centers.pixels).enumerate() {
+        let object = &scene.objects()[hit.object as usize];
+        let scatter_mm = object.material(hit.triangle).scatter_mm;
+        if scatter_mm.x > 0.0 || scatter_mm.y > 0.0 || scatter_mm.z > 0.0 {
+            skin.push(SkinPixel {
+                sample: sample as u32,
+                at: *at,
+                depth_z: hit.t,
+                scatter_mm,
+            });
+        }
+    }
+    skin
 }
 
 fn check(settings: &RenderSettings) -> Result<(), TraceError> {
@@ -273,100 +309,119 @@ impl View {
         let shader = Shader {
             scene,
             lights: &lights,
-            max_depth: self.settings.max_depth,
             offset: self.settings.offset_mm,
         };
+        Ok(scratch::with(&SCRATCH, |scratch| {
+            self.shade_with(&shader, scratch)
+        }))
+    }
+
+    fn shade_with(&self, shader: &Shader<'_>, scratch: &mut BatchScratch) -> Rendering {
         let start = Instant::now();
-        let mut scratch = BatchScratch::default();
+        scratch.shaded.shadow_time = Duration::ZERO;
         let (width, height) = (self.camera.width(), self.camera.height());
-        let mut color = Plane::filled(width, height, scene.background);
+        let mut color = Plane::filled(width, height, shader.scene.background);
         let mut shadow = None;
         let mut spread = Vec::new();
         let is_dense = matches!(self.settings.samples, Samples::Count(2..));
-        let has_skin = scene.objects().iter().any(Object::scatters);
-        scratch.shade.keeps_irradiance = has_skin;
-        if !is_dense || self.settings.truth.shadow || has_skin {
-            // Shade the pixels' centres
-            let pixels = &self.centers.pixels;
-            let mut lit = self.settings.truth.shadow.then(|| vec![1.0; pixels.len()]);
-            let direction = |i: usize| self.camera.direction(sample_px(pixels[i], CENTER));
-            let (hits, kept) = (&self.centers.hits, Some(&self.surfaces[..]));
-            let colors = scratch.shade(&shader, hits, direction, kept, lit.as_deref_mut());
-            for ([x, y], own) in pixels.iter().zip(colors) {
-                color[(*x as usize, *y as usize)] = *own;
+        if !is_dense || self.settings.truth.shadow || self.skin.is_some() {
+            let mut lit = self.shade_centers(shader, scratch);
+            for ([x, y], own) in self.centers.pixels.iter().zip(lit.colors.drain(..)) {
+                color[(*x as usize, *y as usize)] = own;
             }
-            shadow = lit.map(|lit| self.plane_of(1.0, |i| lit[i]));
-            if has_skin {
-                spread = self.spread(scene, &scratch.irradiance);
+            if self.settings.truth.shadow {
+                shadow = Some(self.plane_of(1.0, |i| lit.shadow[i]));
             }
-            scratch.shade.keeps_irradiance = false;
+            spread = lit.spread;
         }
-        let (centers, centers_shadow) = (start.elapsed(), scratch.shade.shadow_time);
+        let (centers, centers_shadow) = (start.elapsed(), scratch.shaded.shadow_time);
         match self.settings.samples {
             Samples::Count(1) => {}
             Samples::Count(count) => {
                 let (pixels, hits) = (&self.dense_pixels, &self.dense_hits);
                 let offsets = self.dense_offsets();
                 let samples = (&pixels[..], &hits[..], &offsets[..]);
-                self.for_each_pixel(&shader, &mut scratch, samples, |pixel, samples| {
+                self.for_each_pixel(shader, scratch, samples, |pixel, samples| {
                     color[pixel] = sum(samples) / count as f32;
                 });
             }
-            Samples::Adaptive(_) => self.refine(&mut color, &shader, &mut scratch),
+            Samples::Adaptive(_) => self.refine(&mut color, shader, scratch),
         }
         for (pixel, added) in spread {
             let own = &mut color[pixel];
             *own = (*own + added).sup(&Rgb::zeros());
         }
+        let shadow_time = scratch.shaded.shadow_time;
         let times = ShadeTimes {
-            shadow: scratch.shade.shadow_time,
+            shadow: shadow_time,
             shade: centers.saturating_sub(centers_shadow),
             resolve: start
                 .elapsed()
                 .saturating_sub(centers)
-                .saturating_sub(scratch.shade.shadow_time.saturating_sub(centers_shadow)),
+                .saturating_sub(shadow_time.saturating_sub(centers_shadow)),
         };
-        Ok(Rendering {
+        Rendering {
             color,
             shadow,
             times,
-        })
+        }
     }
 
-    /// Light that spreads under the skin: what each pixel gains or loses. `irradiance` is that of the pixels' centres.
-    fn spread(&self, scene: &Scene, irradiance: &[Rgb]) -> Vec<((usize, usize), Rgb)> {
-        let mut skin = Vec::new();
-        let mut albedos = Vec::new();
-        for (i, (hit, at)) in self
-            .centers
-            .hits
-            .iter()
-            .zip(&self.centers.pixels)
-            .enumerate()
-        {
-            let object = &scene.objects()[hit.object as usize];
-            let scatter_mm = object.material(hit.triangle).scatter_mm;
-            if scatter_mm.max() > 0.0 {
-                skin.push(SkinPixel {
-                    at: *at,
-                    depth_z: hit.t,
-                    scatter_mm,
-                    irradiance: irradiance[i],
-                });
-                albedos.push(match self.surfaces.get(i / LANES) {
-                    Some(block) => surface::lane(&block.albedo, i % LANES),
-                    None => interaction::albedo(object, hit),
-                });
+    /// Shades the pixels' centres.
+    fn shade_centers(&self, shader: &Shader<'_>, scratch: &mut BatchScratch) -> LitCenters {
+        let wanted = Wanted {
+            irradiance: self.skin.is_some(),
+            shadow: self.settings.truth.shadow,
+        };
+        let mut lit = LitCenters::default();
+        let hits = &self.centers.hits;
+        let mut irradiance = Vec::new();
+        let mut albedo = Vec::new();
+        let mut take = |points: &ShadingPoints, shaded: &Shaded, count: usize| {
+            let of = |k: usize| &shaded.colors[k / LANES];
+            lit.colors
+                .extend((0..count).map(|k| surface::lane(of(k), k % LANES)));
+            if wanted.shadow {
+                let share = |k: usize| {
+                    let [arrived, possible] = &shaded.arrived[k / LANES];
+                    let (arrived, possible) = (arrived.0[k % LANES], possible.0[k % LANES]);
+                    if possible > 0.0 {
+                        arrived / possible
+                    } else {
+                        1.0
+                    }
+                };
+                lit.shadow.extend((0..count).map(share));
             }
+            if wanted.irradiance {
+                irradiance.extend_from_slice(&shaded.irradiance);
+                albedo.extend(
+                    points.surfaces[..points.primary_blocks]
+                        .iter()
+                        .map(|b| b.albedo),
+                );
+            }
+        };
+        if let Some(points) = &self.points {
+            shader.shade(points, wanted, &mut scratch.shaded);
+            take(points, &scratch.shaded, hits.len());
+        } else {
+            let direction = |i: usize| {
+                self.camera
+                    .direction(sample_px(self.centers.pixels[i], CENTER))
+            };
+            let bounces = self.settings.bounces();
+            scratch.for_each_batch(shader, hits, direction, bounces, wanted, take);
         }
-        let added = subsurface::spread(&self.camera, &skin);
-        let pixels = skin.iter().zip(albedos).zip(added);
-        pixels
-            .map(|((pixel, albedo), added)| {
+        if let Some(skin) = &self.skin {
+            let added = skin.spread(&irradiance).into_iter().zip(skin.pixels());
+            lit.spread.extend(added.map(|(added, pixel)| {
+                let (block, k) = (pixel.sample as usize / LANES, pixel.sample as usize % LANES);
                 let at = (pixel.at[0] as usize, pixel.at[1] as usize);
-                (at, albedo.component_mul(&added))
-            })
-            .collect()
+                (at, surface::lane(&albedo[block], k).component_mul(&added))
+            }));
+        }
+        lit
     }
 
     /// Takes many samples on the borders of objects, a few where the pixels' centres show a difference, and more where
@@ -437,11 +492,32 @@ impl View {
             let px = sample_px(pixels[i / count], offsets[i % count]);
             self.camera.direction(px)
         };
-        let colors = scratch.shade(shader, hits, direction, None, None);
-        for ([x, y], samples) in pixels.iter().zip(colors.chunks_exact(count)) {
-            visit((*x as usize, *y as usize), samples);
-        }
+        let mut pixels = pixels.iter();
+        let mut samples = Vec::with_capacity(count);
+        let bounces = self.settings.bounces();
+        let take = |_: &ShadingPoints, shaded: &Shaded, in_batch: usize| {
+            for k in 0..in_batch {
+                samples.push(surface::lane(&shaded.colors[k / LANES], k % LANES));
+                if samples.len() == count {
+                    if let Some([x, y]) = pixels.next() {
+                        visit((*x as usize, *y as usize), &samples);
+                    }
+                    samples.clear();
+                }
+            }
+        };
+        scratch.for_each_batch(shader, hits, direction, bounces, Wanted::default(), take);
     }
+}
+
+/// What the pixels' centres show.
+#[derive(Default)]
+struct LitCenters {
+    colors: Vec<Rgb>,
+    /// Share of directed light that arrives; empty unless asked for.
+    shadow: Vec<f32>,
+    /// What pixels gain or lose by light that spreads under the skin.
+    spread: Vec<((usize, usize), Rgb)>,
 }
 
 fn sum(samples: &[Rgb]) -> Rgb {
@@ -454,58 +530,39 @@ fn center_directions(camera: &Camera, pixels: &[[u32; 2]]) -> Vec<[f32; 3]> {
     pixels.iter().map(direction).collect()
 }
 
-/// Buffers of one call of [`View::shade`].
+thread_local! {
+    static SCRATCH: Cell<Option<Box<BatchScratch>>> = const { Cell::new(None) };
+}
+
+/// Buffers of [`View::shade`].
 #[derive(Default)]
 struct BatchScratch {
     directions: Vec<[f32; 3]>,
-    surfaces: Vec<SurfaceBlock>,
-    colors: Vec<Rgb>,
-    /// See [`ShadeScratch::irradiance`], of all hits.
-    irradiance: Vec<Rgb>,
-    shade: ShadeScratch,
+    points: ShadingPoints,
+    shaded: Shaded,
 }
 
 impl BatchScratch {
-    /// Shades hits in batches; `direction(i)` is that of the ray that made hit `i`. `kept` holds the surfaces of all hits
-    /// if they are known.
-    fn shade(
+    /// Shades hits in batches; `direction(i)` is that of the ray that made hit `i`. `take` gets what was shaded, and of how
+    /// many hits.
+    fn for_each_batch(
         &mut self,
         shader: &Shader<'_>,
         hits: &[Hit],
         direction: impl Fn(usize) -> [f32; 3],
-        kept: Option<&[SurfaceBlock]>,
-        mut shadow: Option<&mut [f32]>,
-    ) -> &[Rgb] {
-        self.colors.clear();
-        self.colors.resize(hits.len(), Rgb::zeros());
-        self.irradiance.clear();
+        bounces: BounceParams,
+        wanted: Wanted,
+        mut take: impl FnMut(&ShadingPoints, &Shaded, usize),
+    ) {
         for start in (0..hits.len()).step_by(BATCH) {
             let end = (start + BATCH).min(hits.len());
             self.directions.clear();
             self.directions.extend((start..end).map(&direction));
-            let kept = kept.and_then(|k| k.get(start / LANES..end.div_ceil(LANES)));
-            let surfaces = match kept {
-                Some(kept) => kept,
-                None => {
-                    let (hits, directions) = (&hits[start..end], &self.directions);
-                    surface::surfaces(shader.scene, hits, directions, &mut self.surfaces);
-                    &self.surfaces
-                }
-            };
-            let samples = whitted::Samples {
-                surfaces,
-                hits: &hits[start..end],
-                directions: &self.directions,
-            };
-            let shadow = shadow.as_deref_mut().map(|s| &mut s[start..end]);
-            shader.shade_batch(
-                samples,
-                &mut self.colors[start..end],
-                shadow,
-                &mut self.shade,
-            );
-            self.irradiance.append(&mut self.shade.irradiance);
+            let hits = &hits[start..end];
+            self.points
+                .find(shader.scene, hits, &self.directions, bounces);
+            shader.shade(&self.points, wanted, &mut self.shaded);
+            take(&self.points, &self.shaded, hits.len());
         }
-        &self.colors
     }
 }

@@ -290,7 +290,7 @@ impl<'a> ParquetSink<'a> {
 }
 
 /// Bytes of a column that are written before there are [`ROWS`] rows: readers load them at once.
-const LARGEST_CHUNK: usize = 256 << 20;
+const LARGEST_CHUNK: usize = 64 << 20;
 /// Values after which a page may end: images are large, so few.
 const BATCH: usize = 8;
 

@@ -10,14 +10,21 @@ use crate::{CoreError, Texture};
 /// Largest width and height of a texture.
 const MAX_SIDE: u32 = 32_768;
 
-/// Most bytes that decoding one texture may take.
-const MAX_DECODED_BYTES: u64 = 2 << 30;
+/// Most bytes that decoding one texture may take: 18,900 x 18,900 texels.
+const MAX_DECODED_BYTES: u64 = 1 << 30;
+
+/// Images below this size, decoded, are taken whatever their file's size.
+const SMALL_DECODED_BYTES: u64 = 16 << 20;
+
+/// Most bytes of pixels for each byte of a file. Deflate reaches 1,032: a PNG that claims more is cut short or lies.
+const MAX_RATIO: u64 = 1_100;
 
 /// Decodes a PNG, JPEG, WebP or BMP, whatever its name ends with. Grey and 16-bit images are converted to 8-bit RGB,
-/// transparency is dropped. `path` is only used in errors.
+/// transparency is dropped. `path` is only used in errors. What an image claims is checked before memory is taken.
 ///
 /// # Errors
-/// [`CoreError::Format`] if the image is damaged, larger than 32,768 texels a side, or of another format.
+/// [`CoreError::Format`] if the image is damaged, larger than 32,768 texels a side or 1 GiB, larger than its file can hold,
+/// or of another format.
 pub fn decode_texture(bytes: &[u8], path: &Path) -> Result<Texture, CoreError> {
     decode_texture_at(bytes, path, None)
 }
@@ -35,14 +42,23 @@ pub(crate) fn decode_texture_at(
     let mut reader = ImageReader::new(Cursor::new(bytes))
         .with_guessed_format()
         .map_err(|e| bad(e.to_string()))?;
-    if reader.format().is_none() {
+    let Some(format) = reader.format() else {
         return Err(bad("is not a PNG, JPEG, WebP or BMP image".to_owned()));
-    }
+    };
     let mut limits = Limits::default();
     limits.max_image_width = Some(MAX_SIDE);
     limits.max_image_height = Some(MAX_SIDE);
     limits.max_alloc = Some(MAX_DECODED_BYTES);
     reader.limits(limits);
+    let claimed = ImageReader::with_format(Cursor::new(bytes), format).into_dimensions();
+    let (width, height) = claimed.map_err(|e| bad(reason_of(&e)))?;
+    let claimed = 3 * u64::from(width) * u64::from(height);
+    if claimed > SMALL_DECODED_BYTES && claimed > MAX_RATIO * bytes.len() as u64 {
+        return Err(bad(format!(
+            "the image claims {width} x {height} texels in {} bytes, more than any image packs",
+            bytes.len()
+        )));
+    }
     let image = reader.decode().map_err(|e| bad(reason_of(&e)))?;
     let (width, height) = (image.width() as usize, image.height() as usize);
     if width == 0 || height == 0 {
@@ -68,7 +84,7 @@ pub(crate) fn load_texture(path: &Path) -> Result<Texture, CoreError> {
 fn reason_of(error: &ImageError) -> String {
     match error {
         ImageError::Limits(_) => {
-            format!("the image is larger than the limit of {MAX_SIDE} x {MAX_SIDE} texels")
+            format!("the image is larger than the limit of {MAX_SIDE} x {MAX_SIDE} texels or 1 GiB")
         }
         other => format!("the image cannot be decoded: {other}"),
     }
@@ -150,6 +166,31 @@ mod tests {
             message(b"hello, I am text"),
             "t.png: is not a PNG, JPEG, WebP or BMP image"
         );
+    }
+
+    #[test]
+    fn a_file_that_claims_more_than_it_can_hold_is_refused() {
+        let texture = Texture::constant([1, 2, 3]);
+        let small = encode_texture(&texture, Packing::Png, Path::new("t.png")).expect("png");
+        // 16,384 x 16,384 in the header, and its checksum put right
+        let mut bomb = small.clone();
+        bomb[16..24].copy_from_slice(&[0, 0, 0x40, 0, 0, 0, 0x40, 0]);
+        let step = |sum: u32, byte: &u8| {
+            (0..8).fold(sum ^ u32::from(*byte), |s, _| {
+                s >> 1 ^ (0xedb8_8320 & (s & 1).wrapping_neg())
+            })
+        };
+        let sum = !bomb[12..29].iter().fold(!0, step);
+        bomb[29..33].copy_from_slice(&sum.to_be_bytes());
+        assert!(
+            message(&bomb).contains("claims 16384 x 16384"),
+            "{}",
+            message(&bomb)
+        );
+        // A plain colour packs well, and is taken.
+        let plain = Texture::new(2_600, 2_600, vec![[7; 3]; 2_600 * 2_600]);
+        let bytes = encode_texture(&plain, Packing::Png, Path::new("t.png")).expect("png");
+        assert!(decode_texture(&bytes, Path::new("t.png")).is_ok());
     }
 
     #[test]

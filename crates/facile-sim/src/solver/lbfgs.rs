@@ -21,6 +21,8 @@ const ROUNDING: f64 = 1e-13;
 pub(crate) trait Problem {
     /// Puts `x` back onto the surfaces it has to keep to, writes the gradient there and returns the energy.
     fn evaluate(&mut self, x: &mut [V3], gradient: &mut [V3]) -> f64;
+    /// Takes the part along the surfaces' normals at `x` out of `gradient`, for nodes that rest by `normals`.
+    fn reduce(&self, x: &[V3], normals: &[V3], gradient: &mut [V3]);
     /// Writes minus the preconditioned `gradient`.
     fn inverse(&mut self, gradient: &[V3], out: &mut [V3]);
 }
@@ -91,7 +93,7 @@ impl Lbfgs {
             let way = dot(&self.work, gradient).min(0.0).max(length * slope);
             let end = dot(&self.direction, &self.trial_gradient);
             if accepts(*energy, value, way, slope, end) {
-                self.remember(gradient, normals);
+                self.remember(normals, problem);
                 std::mem::swap(x, &mut self.trial);
                 std::mem::swap(gradient, &mut self.trial_gradient);
                 *energy = value;
@@ -149,12 +151,15 @@ impl Lbfgs {
     }
 
     /// Keeps the step to the trial, which `work` holds.
-    fn remember(&mut self, gradient: &[V3], normals: &[V3]) {
+    fn remember(&mut self, normals: &[V3], problem: &impl Problem) {
         let full = self.count == MEMORY;
         let slot = (self.first + self.count) % MEMORY;
         let pair = &mut self.pairs[slot];
         pair.step.copy_from_slice(&self.work);
-        difference(&mut pair.change, &self.trial_gradient, gradient);
+        // Both gradients along the surfaces where they were taken: what is left is their curvature.
+        pair.change.copy_from_slice(&self.trial_gradient);
+        problem.reduce(&self.trial, normals, &mut pair.change);
+        subtract(&mut pair.change, &self.reduced);
         slide(&mut pair.step, normals);
         slide(&mut pair.change, normals);
         pair.curvature = dot(&pair.step, &pair.change);
@@ -219,6 +224,12 @@ fn add_scaled(a: &mut [V3], b: &[V3], s: f64) {
     dispatch(AddScaled(a, b, s));
 }
 
+fn subtract(a: &mut [V3], b: &[V3]) {
+    for (a, b) in a.as_flattened_mut().iter_mut().zip(b.as_flattened()) {
+        *a -= b;
+    }
+}
+
 fn difference(out: &mut [V3], a: &[V3], b: &[V3]) {
     let (out, a, b) = (out.as_flattened_mut(), a.as_flattened(), b.as_flattened());
     for ((o, a), b) in out.iter_mut().zip(a).zip(b) {
@@ -245,6 +256,10 @@ mod tests {
                 -20.0 * (b - c) + 2.0 * (c - 1.0),
             ];
             a.powi(4) + (b - a).powi(2) + 10.0 * (b - c).powi(2) + (c - 1.0).powi(2)
+        }
+
+        fn reduce(&self, _: &[V3], normals: &[V3], g: &mut [V3]) {
+            slide(g, normals);
         }
 
         fn inverse(&mut self, g: &[V3], out: &mut [V3]) {

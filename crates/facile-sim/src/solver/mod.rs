@@ -79,7 +79,7 @@ impl Default for SolverParams {
             kind: SolverKind::QuasiStatic,
             tolerance: 1e-3,
             max_penetration_mm: 0.02,
-            continuation_step: 0.25,
+            continuation_step: 0.5,
             max_iterations: 4_000,
         }
     }

@@ -1,7 +1,7 @@
-//! The preconditioner: the Hessian in blocks of three coordinates, made positive, and its factor.
+//! The preconditioner: the Hessian in blocks of three coordinates, and its factor.
 //!
-//! What could make the matrix indefinite is left out: the sideways push of compressed springs and the bending of prisms
-//! under pressure. Nodes that rest on a surface move along it alone: their normals are taken out of the system. Factors
+//! Far from rest, what could make the matrix indefinite is left out: the sideways push of compressed springs and the
+//! bending of prisms under pressure. Nodes that rest on a surface move along it alone: their normals are taken out of the system. Factors
 //! of the three coordinates one by one cost a fifth, but need five times the iterations: at the nose and below the
 //! chin the skin is not across the radius, and one stiffness couples all three.
 //! Source of the method: Liu et al., Quasi-Newton methods for real-time simulation of hyperelastic materials, 2017.
@@ -9,10 +9,10 @@
 use crate::SimError;
 use crate::elements::Volume;
 use crate::load::Load;
-use crate::simd::LANES;
-use crate::sparse::{BlockFactor, Pattern};
+use crate::simd::{Kernel, LANES, dispatch, lanes};
+use crate::sparse::{Block, BlockFactor, NO_BLOCK, Pattern};
 use crate::springs::ends;
-use crate::vector::{M3, V3, ZERO, add_scaled, dot, norm, rotate, rotate_back, sub};
+use crate::vector::{V3, ZERO, dot, norm, scale, sub};
 
 /// Rows of the nodes that the solver moves, and where prisms add to the matrix.
 #[derive(Debug)]
@@ -28,6 +28,8 @@ pub(crate) struct SystemPattern {
     columns: Vec<u32>,
     /// For each prism, the slots of its 15 pairs of different nodes.
     elements: Vec<[u32; 15]>,
+    /// For each pair of lips, the slots of the upper node with both lower ones, and of these two.
+    pub(crate) lips: Vec<[u32; 3]>,
     /// Number of entries. The slot after the last one takes what belongs to nodes that do not move.
     entries: usize,
 }
@@ -38,6 +40,7 @@ impl SystemPattern {
     pub(crate) fn new(
         triangles: &[[u32; 3]],
         edges: &[[u32; 2]],
+        lips: &[(u32, [u32; 2])],
         moving: &[bool],
     ) -> Result<Self, SimError> {
         let n = (moving.len() / 2) as u32;
@@ -53,7 +56,12 @@ impl SystemPattern {
                 .filter_map(|[a, b]| Some((rows[a as usize]?, rows[b as usize]?)))
                 .collect()
         };
-        let pattern = Pattern::new(nodes.len(), "equilibrium", triangles.iter().flat_map(pairs))?;
+        let touching = lips
+            .iter()
+            .flat_map(|&(i, [a, b])| [[i, a], [i, b], [a, b]])
+            .filter_map(|[a, b]| Some((rows[a as usize]?, rows[b as usize]?)));
+        let pairs = triangles.iter().flat_map(pairs).chain(touching);
+        let pattern = Pattern::new(nodes.len(), "equilibrium", pairs)?;
         let entries = pattern.entries();
         let slot = |[a, b]: [u32; 2]| match (rows[a as usize], rows[b as usize]) {
             (Some(p), Some(q)) => pattern.slot(p, q),
@@ -66,6 +74,10 @@ impl SystemPattern {
             elements: triangles
                 .iter()
                 .map(|t| pairs_of(&prism(t, n)).map(slot))
+                .collect(),
+            lips: lips
+                .iter()
+                .map(|&(i, [a, b])| [[i, a], [i, b], [a, b]].map(slot))
                 .collect(),
             entries,
             nodes,
@@ -96,7 +108,7 @@ fn pairs_of<T: Copy>(p: &[T; 6]) -> [[T; 2]; 15] {
 pub(crate) struct Preconditioner {
     factor: BlockFactor,
     /// Blocks by slot: rows of the larger node, columns of the smaller. One more takes what belongs to nodes that do not move.
-    matrix: Vec<M3>,
+    matrix: Vec<Block>,
     sides: Vec<f32>,
     /// Mean stiffness of each moving node against motion on its own, 0 for the others.
     pub(crate) own: Vec<f64>,
@@ -106,7 +118,7 @@ impl Preconditioner {
     pub(crate) fn new(system: &SystemPattern) -> Self {
         Self {
             factor: BlockFactor::new(&system.pattern),
-            matrix: vec![[ZERO; 3]; system.entries + 1],
+            matrix: vec![NO_BLOCK; system.entries + 1],
             sides: vec![0.0; 3 * system.nodes.len()],
             own: vec![0.0; system.diagonal.len()],
         }
@@ -118,14 +130,14 @@ impl Preconditioner {
     }
 
     /// Assembles the matrix at `x`.
-    pub(crate) fn assemble(&mut self, load: &Load<'_>, x: &[V3]) {
+    pub(crate) fn assemble(&mut self, load: &Load<'_>, x: &[V3], hessian: Hessian) {
         let system = &load.model.template.pattern;
-        self.matrix.fill([ZERO; 3]);
-        self.add_springs(load, x);
-        self.add_prisms(load, x);
-        load.contacts.lip_stiffness(x, |node, k| {
-            let block = &mut self.matrix[system.diagonal[node as usize] as usize];
-            add_diagonal(block, k);
+        self.matrix.fill(NO_BLOCK);
+        dispatch(Assembly {
+            load,
+            x,
+            hessian,
+            matrix: &mut self.matrix,
         });
         for (i, &slot) in system.diagonal.iter().enumerate() {
             let block = &self.matrix[slot as usize];
@@ -159,7 +171,7 @@ impl Preconditioner {
             let n = normals[system.nodes[b as usize] as usize];
             if a == b {
                 if n != ZERO {
-                    let own = dot(n, rotate(block, n));
+                    let own = dot(n, times(block, n));
                     cut_rows(block, n);
                     cut_columns(block, n);
                     add_outer(block, n, n, own);
@@ -171,73 +183,6 @@ impl Preconditioner {
             }
             if m != ZERO {
                 cut_columns(block, m);
-            }
-        }
-    }
-
-    /// Springs along edges, of columns, and to the skull.
-    fn add_springs(&mut self, load: &Load<'_>, x: &[V3]) {
-        let model = load.model;
-        let system = &model.template.pattern;
-        let n = load.attachment.len();
-        let mut add = |[a, b]: [u32; 2], slot: u32, k: f64, rest: f64| {
-            let d = sub(x[a as usize], x[b as usize]);
-            let length = norm(d).max(1e-9);
-            let across = k * (1.0 - rest / length).max(0.0);
-            let along = (k - across) / (length * length);
-            for (slot, sign) in [
-                (system.diagonal[a as usize], 1.0),
-                (system.diagonal[b as usize], 1.0),
-                (slot, -1.0),
-            ] {
-                let block = &mut self.matrix[slot as usize];
-                add_outer(block, d, d, sign * along);
-                add_diagonal(block, sign * across);
-            }
-        };
-        let edges = model.template.edges.iter().zip(&system.edges);
-        for (e, (edge, slots)) in edges.enumerate() {
-            for (l, pair) in ends(*edge, n as u32).into_iter().enumerate() {
-                add(pair, slots[l], load.stiffness[e][l], load.rest_length[e][l]);
-            }
-        }
-        let springs = &model.springs;
-        for (i, &slot) in system.columns.iter().enumerate() {
-            let pair = [i as u32, (n + i) as u32];
-            add(
-                pair,
-                slot,
-                springs.vertical_stiffness,
-                springs.vertical_length[i],
-            );
-        }
-        for (i, &hold) in load.attachment.iter().enumerate() {
-            let slot = system.diagonal[n + i];
-            add_diagonal(&mut self.matrix[slot as usize], hold);
-        }
-    }
-
-    fn add_prisms(&mut self, load: &Load<'_>, x: &[V3]) {
-        let model = load.model;
-        let system = &model.template.pattern;
-        let elements = &model.elements;
-        let ks = elements.shape_stiffness;
-        for (e, slots) in system.elements.iter().enumerate() {
-            let nodes = &elements.nodes[e];
-            let volume = Volume::of(&nodes.map(|i| x[i as usize]));
-            let kappa = elements.groups[e / LANES].stiffening(e % LANES, volume.value);
-            let slopes = volume.gradient();
-            for (&node, s) in nodes.iter().zip(&slopes) {
-                let block = &mut self.matrix[system.diagonal[node as usize] as usize];
-                add_outer(block, *s, *s, kappa);
-                add_diagonal(block, ks * (5.0 / 6.0));
-            }
-            let pairs = pairs_of(nodes).into_iter().zip(pairs_of(&slopes));
-            for (&slot, ([i, j], [s, t])) in slots.iter().zip(pairs) {
-                let block = &mut self.matrix[slot as usize];
-                let (s, t) = if i > j { (s, t) } else { (t, s) };
-                add_outer(block, s, t, kappa);
-                add_diagonal(block, -ks / 6.0);
             }
         }
     }
@@ -267,36 +212,195 @@ impl Preconditioner {
     }
 }
 
+/// Which second derivatives.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Hessian {
+    /// All of them: indefinite far from rest.
+    Exact,
+    /// Without the sideways push of compressed springs and the bending of prisms under pressure: never indefinite.
+    Positive,
+}
+
+/// Adds the energy's second derivatives at `x` to a matrix.
+struct Assembly<'a> {
+    load: &'a Load<'a>,
+    x: &'a [V3],
+    hessian: Hessian,
+    matrix: &'a mut [Block],
+}
+
+impl Kernel for Assembly<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(mut self) {
+        self.add_springs();
+        self.add_prisms();
+        self.add_lips();
+    }
+}
+
+impl Assembly<'_> {
+    /// Springs along edges, of columns, and to the skull.
+    #[inline(always)]
+    fn add_springs(&mut self) {
+        let model = self.load.model;
+        let system = &model.template.pattern;
+        let n = self.load.attachment.len();
+        let edges = model.template.edges.iter().zip(&system.edges);
+        let springs = self.load.stiffness.iter().zip(&self.load.rest_length);
+        for ((edge, slots), (k, rest)) in edges.zip(springs) {
+            for (l, pair) in ends(*edge, n as u32).into_iter().enumerate() {
+                self.add_spring(pair, slots[l], k[l], rest[l]);
+            }
+        }
+        let springs = &model.springs;
+        for (i, &slot) in system.columns.iter().enumerate() {
+            let pair = [i as u32, (n + i) as u32];
+            let rest = springs.vertical_length[i];
+            self.add_spring(pair, slot, springs.vertical_stiffness, rest);
+        }
+        for (i, &hold) in self.load.attachment.iter().enumerate() {
+            let slot = system.diagonal[n + i];
+            add_diagonal(&mut self.matrix[slot as usize], hold);
+        }
+    }
+
+    #[inline(always)]
+    fn add_spring(&mut self, [a, b]: [u32; 2], slot: u32, k: f64, rest: f64) {
+        let system = &self.load.model.template.pattern;
+        let d = sub(self.x[a as usize], self.x[b as usize]);
+        let length = norm(d).max(1e-9);
+        let mut across = k * (1.0 - rest / length);
+        if self.hessian == Hessian::Positive {
+            across = across.max(0.0);
+        }
+        let along = (k - across) / (length * length);
+        let mut own = NO_BLOCK;
+        add_outer(&mut own, d, d, along);
+        add_diagonal(&mut own, across);
+        for slot in [system.diagonal[a as usize], system.diagonal[b as usize]] {
+            let block = &mut self.matrix[slot as usize];
+            for (row, r) in block.iter_mut().zip(&own) {
+                *row = lanes(|l| row[l] + r[l]);
+            }
+        }
+        let block = &mut self.matrix[slot as usize];
+        for (row, r) in block.iter_mut().zip(&own) {
+            *row = lanes(|l| row[l] - r[l]);
+        }
+    }
+
+    #[inline(always)]
+    fn add_prisms(&mut self) {
+        let model = self.load.model;
+        let system = &model.template.pattern;
+        let elements = &model.elements;
+        let ks = elements.shape_stiffness;
+        for (e, slots) in system.elements.iter().enumerate() {
+            let nodes = &elements.nodes[e];
+            let volume = Volume::of(&nodes.map(|i| self.x[i as usize]));
+            let group = &elements.groups[e / LANES];
+            let kappa = group.stiffening(e % LANES, volume.value);
+            let slopes = volume.gradient();
+            for (&node, s) in nodes.iter().zip(&slopes) {
+                let block = &mut self.matrix[system.diagonal[node as usize] as usize];
+                add_outer(block, *s, *s, kappa);
+                add_diagonal(block, ks * (5.0 / 6.0));
+            }
+            let pairs = pairs_of(nodes).into_iter().zip(pairs_of(&slopes));
+            for (&slot, ([i, j], [s, t])) in slots.iter().zip(pairs) {
+                let block = &mut self.matrix[slot as usize];
+                let (s, t) = if i > j { (s, t) } else { (t, s) };
+                add_outer(block, s, t, kappa);
+                add_diagonal(block, -ks / 6.0);
+            }
+            if self.hessian == Hessian::Exact {
+                let pressure = group.pressure(&[volume.value; LANES]).1[e % LANES];
+                let bending = pairs_of(nodes).into_iter().zip(volume.bending());
+                for (&slot, ([i, j], w)) in slots.iter().zip(bending) {
+                    let w = scale(w, if i > j { pressure } else { -pressure });
+                    add_cross(&mut self.matrix[slot as usize], w);
+                }
+            }
+        }
+    }
+
+    /// Lips that press on each other.
+    #[inline(always)]
+    fn add_lips(&mut self) {
+        let system = &self.load.model.template.pattern;
+        let matrix = &mut *self.matrix;
+        self.load.contacts.lip_stiffness(self.x, |lip, n, k| {
+            let [a, b] = lip.below;
+            let [s, t] = lip.weights;
+            for (node, w) in [(lip.node, 1.0), (a, s), (b, t)] {
+                let slot = system.diagonal[node as usize] as usize;
+                add_outer(&mut matrix[slot], n, n, k * w * w);
+            }
+            for (&slot, w) in lip.slots.iter().zip([-s, -t, s * t]) {
+                add_outer(&mut matrix[slot as usize], n, n, k * w);
+            }
+        });
+    }
+}
+
 /// `m += k a b^T`.
 #[inline(always)]
-fn add_outer(m: &mut M3, a: V3, b: V3, k: f64) {
+fn add_outer(m: &mut Block, a: V3, b: V3, k: f64) {
+    let b = [b[0], b[1], b[2], 0.0];
     for (row, a) in m.iter_mut().zip(a) {
-        *row = add_scaled(*row, b, k * a);
+        let s = k * a;
+        *row = lanes(|l| row[l] + s * b[l]);
     }
 }
 
 #[inline(always)]
-fn add_diagonal(m: &mut M3, k: f64) {
+fn add_diagonal(m: &mut Block, k: f64) {
     m[0][0] += k;
     m[1][1] += k;
     m[2][2] += k;
 }
 
+/// `m += [w]_x`, so that `[w]_x v = w x v`.
+#[inline(always)]
+fn add_cross(m: &mut Block, w: V3) {
+    let rows = [
+        [0.0, -w[2], w[1], 0.0],
+        [w[2], 0.0, -w[0], 0.0],
+        [-w[1], w[0], 0.0, 0.0],
+    ];
+    for (row, r) in m.iter_mut().zip(rows) {
+        *row = lanes(|l| row[l] + r[l]);
+    }
+}
+
+/// `m a`.
+fn times(m: &Block, a: V3) -> V3 {
+    m.map(|row| row[0] * a[0] + row[1] * a[1] + row[2] * a[2])
+}
+
+/// `m^T a`.
+fn times_back(m: &Block, a: V3) -> V3 {
+    [0, 1, 2].map(|c| m[0][c] * a[0] + m[1][c] * a[1] + m[2][c] * a[2])
+}
+
 /// `m = (I - n n^T) m`.
-fn cut_rows(m: &mut M3, n: V3) {
-    let along = rotate_back(m, n);
+fn cut_rows(m: &mut Block, n: V3) {
+    let along = times_back(m, n);
     add_outer(m, n, along, -1.0);
 }
 
 /// `m = m (I - n n^T)`.
-fn cut_columns(m: &mut M3, n: V3) {
-    let along = rotate(m, n);
+fn cut_columns(m: &mut Block, n: V3) {
+    let along = times(m, n);
     add_outer(m, along, n, -1.0);
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::vector::add_scaled;
     use crate::{FaceRig, MuscleSet, Pose};
     use facile_core::ReferenceHead;
 
@@ -310,7 +414,7 @@ mod tests {
         let load = Load::new(&model, &Pose::default()).expect("neutral");
         let system = &model.template.pattern;
         let mut matrix = Preconditioner::new(system);
-        matrix.assemble(&load, &model.rest);
+        matrix.assemble(&load, &model.rest, Hessian::Positive);
         let v: Vec<V3> = (0..model.rest.len())
             .map(|i| {
                 let moves = f64::from(u8::from(model.template.moving[i]));
@@ -320,9 +424,9 @@ mod tests {
         let mut product = vec![ZERO; v.len()];
         for ([a, b], block) in system.pattern.pairs().zip(&matrix.matrix) {
             let [a, b] = [a, b].map(|row| system.nodes[row as usize] as usize);
-            product[b] = add_scaled(product[b], rotate(block, v[a]), 1.0);
+            product[b] = add_scaled(product[b], times(block, v[a]), 1.0);
             if a != b {
-                product[a] = add_scaled(product[a], rotate_back(block, v[b]), 1.0);
+                product[a] = add_scaled(product[a], times_back(block, v[b]), 1.0);
             }
         }
         let slope = |t: f64| {

@@ -5,7 +5,7 @@
 //! the set of nodes that touch changes all the time. Steps of the path before the last are solved loosely.
 
 use super::lbfgs::{Lbfgs, Problem, Step};
-use super::preconditioner::Preconditioner;
+use super::preconditioner::{Hessian, Preconditioner};
 use super::{Outcome, Scratch, SolverParams};
 use crate::SimError;
 use crate::contact::Clearance;
@@ -14,11 +14,12 @@ use crate::model::FaceModel;
 use crate::pose::Pose;
 use crate::vector::{V3, add, add_scaled, dot, norm, sub};
 
-/// Iterations after which the matrix is made anew.
+/// Iterations after which the matrix is made anew. It is also made anew after the first one, which goes farthest.
 const REFACTOR_AFTER: usize = 10;
-/// Relative residual to which steps of the path before the last are solved. Ten times as loose, one wink in thirty ends
-/// in another equilibrium.
-const PATH_RESIDUAL: f64 = 1.0;
+/// Relative residual below which all second derivatives are in the matrix.
+const EXACT_BELOW: f64 = 1.0;
+/// Relative residual to which steps of the path before the last are solved.
+const PATH_RESIDUAL: f64 = 3.0;
 
 /// A walk along the path of a pose, from neutral to full intensity and beyond.
 pub(crate) struct Walk<'a> {
@@ -166,6 +167,10 @@ impl Problem for Resting<'_, '_> {
         energy
     }
 
+    fn reduce(&self, x: &[V3], normals: &[V3], gradient: &mut [V3]) {
+        self.load.contacts.reduce(x, normals, gradient);
+    }
+
     fn inverse(&mut self, gradient: &[V3], out: &mut [V3]) {
         let system = &self.load.model.template.pattern;
         self.preconditioner.descend(system, gradient, out);
@@ -173,6 +178,25 @@ impl Problem for Resting<'_, '_> {
 }
 
 impl Resting<'_, '_> {
+    /// Makes the matrix anew; returns its smallest pivot.
+    fn refactor(&mut self, x: &[V3], gradient: &[V3], residual: f64) -> Result<f64, SimError> {
+        let is_near = residual < EXACT_BELOW;
+        if !is_near || self.factor(x, gradient, Hessian::Exact).is_err() {
+            self.factor(x, gradient, Hessian::Positive)?;
+        }
+        Ok(self.preconditioner.smallest_pivot())
+    }
+
+    /// Factors the matrix over the nodes that rest or are about to land.
+    fn factor(&mut self, x: &[V3], gradient: &[V3], hessian: Hessian) -> Result<(), SimError> {
+        let system = &self.load.model.template.pattern;
+        self.preconditioner.assemble(self.load, x, hessian);
+        let own = &self.preconditioner.own;
+        let contacts = &self.load.contacts;
+        contacts.landing(x, gradient, own, &mut self.normals);
+        self.preconditioner.factor(system, &self.normals)
+    }
+
     /// Largest force on a moving node that nothing balances, over the reference force.
     fn force(&self, gradient: &[V3]) -> f64 {
         let mut largest = 0.0f64;
@@ -208,17 +232,12 @@ impl Stage<'_, '_> {
             if iterations >= self.budget {
                 break (false, residual);
             }
-            let fresh = since >= REFACTOR_AFTER;
-            if fresh {
-                problem.preconditioner.assemble(self.load, x);
+            if iterations <= 1 || since >= REFACTOR_AFTER {
+                smallest_pivot = problem.refactor(x, &gradient, residual)?;
                 since = 0;
-            }
-            let own = &problem.preconditioner.own;
-            contacts.landing(x, &gradient, own, &mut problem.normals);
-            if fresh {
-                let system = &self.load.model.template.pattern;
-                problem.preconditioner.factor(system, &problem.normals)?;
-                smallest_pivot = problem.preconditioner.smallest_pivot();
+            } else {
+                let own = &problem.preconditioner.own;
+                contacts.landing(x, &gradient, own, &mut problem.normals);
             }
             let normals = problem.normals.clone();
             let step = self

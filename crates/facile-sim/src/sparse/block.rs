@@ -7,9 +7,13 @@
 use super::{Pattern, Update};
 use crate::SimError;
 use crate::simd::{Kernel, dispatch};
-use crate::vector::M3;
 
-/// Rows and most columns of a tile: twelve registers of eight numbers.
+/// A block: three rows of three numbers, and one that pads them.
+pub(crate) type Block = [[f64; 4]; 3];
+/// A block of zeros.
+pub(crate) const NO_BLOCK: Block = [[0.0; 4]; 3];
+
+/// Rows and most columns of a tile: six registers of sixteen numbers, or twelve of eight.
 const ROWS: usize = 16;
 const COLUMNS: usize = 6;
 /// Numbers that are multiplied at once.
@@ -77,10 +81,11 @@ impl BlockFactor {
             })
             .collect();
         Self {
-            values: vec![0.0; at],
+            // A run may be read and written past its end.
+            values: vec![0.0; at + ROWS],
             panels,
             places,
-            strip: vec![0.0; COLUMNS * tallest],
+            strip: vec![0.0; COLUMNS * tallest + ROWS],
             local: vec![0; pattern.size()],
             runs: Vec::new(),
             work: vec![0.0; tallest],
@@ -93,8 +98,18 @@ impl BlockFactor {
         &mut self,
         pattern: &Pattern,
         what: &'static str,
-        blocks: &[M3],
+        blocks: &[Block],
     ) -> Result<(), SimError> {
+        self.fill(blocks);
+        dispatch(Numeric {
+            pattern,
+            factor: self,
+        })
+        .map_err(|row| SimError::Singular { what, row })
+    }
+
+    /// Copies the matrix to where its factor will be.
+    fn fill(&mut self, blocks: &[Block]) {
         self.values.fill(0.0);
         for (place, block) in self.places.iter().zip(blocks) {
             for column in 0..3 {
@@ -109,11 +124,6 @@ impl BlockFactor {
                 }
             }
         }
-        dispatch(Numeric {
-            pattern,
-            factor: self,
-        })
-        .map_err(|row| SimError::Singular { what, row })
     }
 
     /// Replaces a right-hand side, three numbers for each row in the pattern's order, by the solution.
@@ -152,7 +162,6 @@ impl Kernel for Numeric<'_> {
             }
             // Earlier panels are all in front of this one.
             let (before, own) = factor.values.split_at_mut(panel.at);
-            let own = &mut own[..panel.leading * width];
             for update in &pattern.updates[block.updates.0 as usize..block.updates.1 as usize] {
                 let source = &pattern.supernodes[update.source as usize];
                 let from = factor.panels[update.source as usize];
@@ -169,6 +178,7 @@ impl Kernel for Numeric<'_> {
                     (&factor.local, &mut factor.strip, &mut factor.runs),
                 );
             }
+            let own = &mut own[..panel.leading * width];
             let smallest = dense(own, panel.leading, width, height)
                 .map_err(|j| block.start as usize + j / 3)?;
             factor.smallest = factor.smallest.min(smallest);
@@ -177,24 +187,57 @@ impl Kernel for Numeric<'_> {
     }
 }
 
-/// Products of `ROWS` rows of a panel with `C` of its rows, over all its columns.
+/// A tile's rows of one column.
+type Strip = [f32; ROWS];
+
 #[inline(always)]
-fn tile<const C: usize>(
-    panel: &[f32],
-    leading: usize,
-    row: usize,
-    with: usize,
-) -> [[f32; ROWS]; C] {
-    let mut sums = [[0.0; ROWS]; C];
-    for column in panel.chunks_exact(leading) {
-        let (rows, factors) = (&column[row..row + ROWS], &column[with..with + C]);
-        for (sum, f) in sums.iter_mut().zip(factors) {
-            for l in 0..ROWS {
-                sum[l] += rows[l] * f;
-            }
-        }
+fn plus(sum: &Strip, rows: &Strip, factor: f32) -> Strip {
+    let mut out = *sum;
+    for l in 0..ROWS {
+        out[l] += rows[l] * factor;
     }
-    sums
+    out
+}
+
+#[inline(always)]
+fn strip(column: &[f32], row: usize) -> Strip {
+    let mut out = [0.0; ROWS];
+    out.copy_from_slice(&column[row..row + ROWS]);
+    out
+}
+
+/// Products of `ROWS` rows of a panel with six of its rows, over all its columns. Written out: a loop over the six is
+/// turned into gathers and scatters where registers are wide.
+#[inline(always)]
+fn tile_of_six(panel: &[f32], leading: usize, row: usize, with: usize) -> [Strip; 6] {
+    let zero = [0.0; ROWS];
+    let (mut a, mut b, mut c, mut d, mut e, mut f) = (zero, zero, zero, zero, zero, zero);
+    for column in panel.chunks_exact(leading) {
+        let rows = strip(column, row);
+        let by = &column[with..with + 6];
+        a = plus(&a, &rows, by[0]);
+        b = plus(&b, &rows, by[1]);
+        c = plus(&c, &rows, by[2]);
+        d = plus(&d, &rows, by[3]);
+        e = plus(&e, &rows, by[4]);
+        f = plus(&f, &rows, by[5]);
+    }
+    [a, b, c, d, e, f]
+}
+
+/// The same for three rows.
+#[inline(always)]
+fn tile_of_three(panel: &[f32], leading: usize, row: usize, with: usize) -> [Strip; 3] {
+    let zero = [0.0; ROWS];
+    let (mut a, mut b, mut c) = (zero, zero, zero);
+    for column in panel.chunks_exact(leading) {
+        let rows = strip(column, row);
+        let by = &column[with..with + 3];
+        a = plus(&a, &rows, by[0]);
+        b = plus(&b, &rows, by[1]);
+        c = plus(&c, &rows, by[2]);
+    }
+    [a, b, c]
 }
 
 /// Subtracts what an earlier supernode contributes to a panel.
@@ -227,12 +270,12 @@ fn subtract(
         let mut row = first / ROWS * ROWS;
         while row < wide + 3 * rows.len() {
             if columns == 6 {
-                let sums = tile::<6>(source, tall, row, first);
+                let sums = tile_of_six(source, tall, row, first);
                 for (k, sum) in sums.iter().enumerate() {
                     strip[k * tall + row..][..ROWS].copy_from_slice(sum);
                 }
             } else {
-                let sums = tile::<3>(source, tall, row, first);
+                let sums = tile_of_three(source, tall, row, first);
                 for (k, sum) in sums.iter().enumerate() {
                     strip[k * tall + row..][..ROWS].copy_from_slice(sum);
                 }
@@ -241,17 +284,32 @@ fn subtract(
         }
         for k in 0..columns {
             let target = 3 * (rows[c + k / 3] - start) as usize + k % 3;
-            let target = &mut own[target * leading..][..leading];
+            let target = &mut own[target * leading..];
             let sums = &strip[k * tall + wide..];
             for run in &*runs {
-                let t = &mut target[run.to as usize..][..run.length as usize];
-                let sums = &sums[run.from as usize..][..run.length as usize];
-                for (t, s) in t.iter_mut().zip(sums) {
-                    *t -= s;
-                }
+                take_run(
+                    &mut target[run.to as usize..],
+                    &sums[run.from as usize..],
+                    run.length as usize,
+                );
             }
         }
         c += columns / 3;
+    }
+}
+
+/// `target -= sums`, for so many numbers. Whole registers are read and written: what lies beyond is left as it is.
+#[inline(always)]
+fn take_run(target: &mut [f32], sums: &[f32], length: usize) {
+    let mut at = 0;
+    while at < length {
+        let left = length - at;
+        let target = &mut target[at..at + ROWS];
+        let sums = &sums[at..at + ROWS];
+        for l in 0..ROWS {
+            target[l] -= if l < left { sums[l] } else { 0.0 };
+        }
+        at += ROWS;
     }
 }
 
@@ -266,9 +324,9 @@ fn dense(own: &mut [f32], leading: usize, width: usize, height: usize) -> Result
         let mut row = j / ROWS * ROWS;
         while row < height && j > 0 {
             if columns == 6 {
-                take(rest, leading, row, &tile::<6>(done, leading, row, j));
+                take(rest, leading, row, &tile_of_six(done, leading, row, j));
             } else {
-                take(rest, leading, row, &tile::<3>(done, leading, row, j));
+                take(rest, leading, row, &tile_of_three(done, leading, row, j));
             }
             row += ROWS;
         }
@@ -415,6 +473,7 @@ fn three_inner(columns: [&[f32]; 3], w: &[f32]) -> [f32; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::vector::M3;
 
     /// Numbers in `[-1, 1]` without a pattern.
     fn noise(k: usize) -> f64 {
@@ -436,7 +495,7 @@ mod tests {
         }
         let n = (w * h) as usize;
         let pattern = Pattern::new(n, "sheet", pairs.iter().copied()).expect("small");
-        let mut blocks = vec![[[0.0; 3]; 3]; pattern.entries()];
+        let mut blocks = vec![NO_BLOCK; pattern.entries()];
         for i in 0..n as u32 {
             let block = &mut blocks[pattern.slot(i, i) as usize];
             for k in 0..3 {
@@ -496,6 +555,15 @@ mod tests {
             }
         }
         assert!(factor.smallest > 0.0);
+        // Registers of any width give the same bits.
+        let wide = factor.values.clone();
+        factor.fill(&blocks);
+        let plain = Numeric {
+            pattern: &pattern,
+            factor: &mut factor,
+        };
+        plain.run().expect("positive");
+        assert_eq!(factor.values, wide);
         blocks[pattern.slot(7, 7) as usize][1][1] = -1.0;
         assert!(factor.refactor(&pattern, "sheet", &blocks).is_err());
     }

@@ -4,19 +4,25 @@
 //! Cholesky factorisation, because faer's kernels use fused operations where the processor has them and so give other
 //! bits on other machines; read next `factor`.
 
+mod band;
 mod block;
 mod factor;
 
 use faer::Side;
 use faer::sparse::SymbolicSparseColMatRef;
-use faer::sparse::linalg::SupernodalThreshold;
 use faer::sparse::linalg::cholesky::{
     CholeskySymbolicParams, SymbolicCholeskyRaw, SymmetricOrdering, factorize_symbolic_cholesky,
 };
+use faer::sparse::linalg::{SupernodalThreshold, SymbolicSupernodalParams};
 
 use crate::SimError;
-pub(crate) use block::BlockFactor;
+pub(crate) use band::BandMatrix;
+pub(crate) use block::{Block, BlockFactor, NO_BLOCK};
 pub(crate) use factor::Factor;
+
+/// Supernodes of up to so many columns are merged as long as this share of zeros at most is stored: more, and the zeros
+/// cost more than the longer loops save.
+const MERGE: &[(usize, f64)] = &[(4, 1.0), (8, 0.4), (16, 0.1), (usize::MAX, 0.01)];
 
 /// The lower triangle of a symmetric matrix, by columns, and the structure of its factor.
 #[derive(Debug)]
@@ -115,6 +121,7 @@ impl Pattern {
         let structure = SymbolicSparseColMatRef::new_checked(n, n, &self.starts, None, &self.rows);
         let params = CholeskySymbolicParams {
             supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
+            supernodal_params: SymbolicSupernodalParams { relax: Some(MERGE) },
             ..CholeskySymbolicParams::default()
         };
         let symbolic =

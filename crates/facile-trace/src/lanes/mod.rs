@@ -32,6 +32,10 @@ pub(crate) trait Lanes:
     fn splat(v: f32) -> Self;
     fn load(v: &Eight) -> Self;
     fn store(self) -> Eight;
+    /// The first eight of a slice, which has as many.
+    fn load_from(v: &[f32]) -> Self;
+    /// Writes the first eight of a slice, which has as many.
+    fn store_to(self, v: &mut [f32]);
     /// The smaller of each lane; `other` where either is NaN.
     fn min(self, other: Self) -> Self;
     /// The larger of each lane; `other` where either is NaN.

@@ -59,6 +59,16 @@ impl Lanes for Portable {
     }
 
     #[inline(always)]
+    fn load_from(v: &[f32]) -> Self {
+        Self(from_fn(|k| v[..LANES][k]))
+    }
+
+    #[inline(always)]
+    fn store_to(self, v: &mut [f32]) {
+        v[..LANES].copy_from_slice(&self.0);
+    }
+
+    #[inline(always)]
     fn min(self, other: Self) -> Self {
         Self::select(self.lt(other), self, other)
     }

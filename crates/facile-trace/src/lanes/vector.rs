@@ -45,6 +45,12 @@ impl<L: Lanes> V3<L> {
         ax * bx + ay * by + az * bz
     }
 
+    /// The sum of the coordinates.
+    #[inline(always)]
+    pub(crate) fn sum(self) -> L {
+        self.0[0] + self.0[1] + self.0[2]
+    }
+
     #[inline(always)]
     pub(crate) fn cross(self, other: Self) -> Self {
         let ([ax, ay, az], [bx, by, bz]) = (self.0, other.0);

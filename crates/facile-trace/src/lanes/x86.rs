@@ -177,6 +177,20 @@ impl Lanes for Avx2 {
     }
 
     #[inline(always)]
+    fn load_from(v: &[f32]) -> Self {
+        let v = &v[..LANES];
+        // SAFETY: as for `splat`; the slice holds eight numbers.
+        Self(unsafe { _mm256_loadu_ps(v.as_ptr()) })
+    }
+
+    #[inline(always)]
+    fn store_to(self, v: &mut [f32]) {
+        let v = &mut v[..LANES];
+        // SAFETY: as for `splat`; the slice holds eight numbers.
+        unsafe { _mm256_storeu_ps(v.as_mut_ptr(), self.0) };
+    }
+
+    #[inline(always)]
     fn sqrt(self) -> Self {
         // SAFETY: values of this type occur only behind the check of `run_avx2`.
         Self(unsafe { _mm256_sqrt_ps(self.0) })
@@ -294,6 +308,23 @@ impl Lanes for Sse2 {
             _mm_store_ps(out.0.as_mut_ptr().add(4), self.1);
         }
         out
+    }
+
+    #[inline(always)]
+    fn load_from(v: &[f32]) -> Self {
+        let v = &v[..LANES];
+        // SAFETY: the slice holds eight numbers.
+        unsafe { Self(_mm_loadu_ps(v.as_ptr()), _mm_loadu_ps(v.as_ptr().add(4))) }
+    }
+
+    #[inline(always)]
+    fn store_to(self, v: &mut [f32]) {
+        let v = &mut v[..LANES];
+        // SAFETY: the slice holds eight numbers.
+        unsafe {
+            _mm_storeu_ps(v.as_mut_ptr(), self.0);
+            _mm_storeu_ps(v.as_mut_ptr().add(4), self.1);
+        }
     }
 
     #[inline(always)]

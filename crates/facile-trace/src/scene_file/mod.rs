@@ -189,7 +189,15 @@ impl SceneFile {
             path: path.to_owned(),
             source,
         })?;
-        let file: Self = toml::from_str(&text).map_err(|e| TraceError::SceneFile {
+        Self::parse(&text, path)
+    }
+
+    /// Parses a file's text; `path` names it.
+    ///
+    /// # Errors
+    /// [`TraceError::SceneFile`] with the line and what is allowed there.
+    pub fn parse(text: &str, path: &Path) -> Result<Self, TraceError> {
+        let file: Self = toml::from_str(text).map_err(|e| TraceError::SceneFile {
             path: path.to_owned(),
             reason: e.to_string(),
         })?;
