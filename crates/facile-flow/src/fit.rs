@@ -278,8 +278,8 @@ pub(crate) struct Goal {
     pub(crate) is_landmark: bool,
 }
 
-/// Every how many fine vertices take part while the pose and a few dozen modes are found from nearest points.
-const NEAREST_STRIDE: usize = 6;
+/// Every how many pairs of fine vertices take part while the pose and a few dozen modes are found from nearest points.
+pub(crate) const NEAREST_STRIDE: u32 = 6;
 
 /// Nearest points of the scan: they tell how far the surface is, and little about where on it. Vertices that find none
 /// are marked as `beyond` it and asked no more, since the reach only shrinks.
@@ -293,7 +293,7 @@ fn nearest_goals(
 ) -> Vec<Goal> {
     let normals = vertex_normals(fine, &template.reference.mesh.triangles);
     let goal = |(v, (start, beyond)): (usize, (&mut u32, &mut bool))| {
-        if template.skin[v] <= 0.0 || *beyond {
+        if template.skin[v] <= 0.0 || *beyond || template.pair[v] % NEAREST_STRIDE != 0 {
             return None;
         }
         let hit = scan.nearest_from(*start, &fine[v], &normals[v], reach);
@@ -316,7 +316,6 @@ fn nearest_goals(
         .par_iter_mut()
         .zip(beyond)
         .enumerate()
-        .step_by(NEAREST_STRIDE)
         .filter_map(goal)
         .collect()
 }

@@ -13,7 +13,7 @@ use facile_core::subdivision::Stencils;
 use facile_core::{IdentityModel, Isometry3, Point3, UnitQuaternion, Vector3};
 use nalgebra::{DMatrix, DVector, Translation3};
 
-use crate::fit::Goal;
+use crate::fit::{Goal, NEAREST_STRIDE};
 use crate::template::Template;
 
 /// Area of skin whose goals err together, mm^2: as many goals as fit in there count as one.
@@ -27,10 +27,10 @@ const USED_GOALS: usize = 900;
 /// Side of the cubes over which distances to the scan are averaged before a person is called strange, mm.
 const CUBE: f64 = 20.0;
 /// Distance, mm, that people of the model's own population leave at most after the nearest points, with noise or without.
-const FAMILIAR: f64 = 0.94;
+const FAMILIAR: f64 = 0.9;
 /// The power with which strangeness grows beyond that, and the most that it grows to.
 const STRANGENESS_POWER: f64 = 16.0;
-const STRANGEST: f64 = 5.0;
+const STRANGEST: f64 = 6.0;
 /// Unknowns before the coefficients: rotation, translation, logarithm of the size.
 const POSE: usize = 7;
 
@@ -116,12 +116,7 @@ impl FineModes {
         identity: &mut Identity,
     ) -> Isometry3 {
         let n = POSE + self.count;
-        let stride = (goals.len() / USED_GOALS).max(1);
-        // Landmarks come one by one and count each; of the rest one in `stride` stands for its neighbours.
-        let used: Vec<(&Goal, f64)> = (goals.iter().enumerate())
-            .filter(|(i, g)| g.is_landmark || i % stride == 0)
-            .map(|(_, g)| (g, if g.is_landmark { 1.0 } else { stride as f64 }))
-            .collect();
+        let used = used_goals(template, goals);
         let Iterate { positions, normals } = *now;
         let error = goal_error(template, now, &used).clamp(*error.start(), *error.end())
             * identity.strangeness;
@@ -176,6 +171,21 @@ impl FineModes {
             UnitQuaternion::from_scaled_axis(Vector3::new(step[0], step[1], step[2])),
         )
     }
+}
+
+/// The goals that a fit uses, and how many each stands for. Landmarks come one by one and count each; of the rest
+/// one pair of mirror images stands for others, so that a mirrored scan gives the mirrored fit.
+fn used_goals<'g>(template: &Template<'_>, goals: &'g [Goal]) -> Vec<(&'g Goal, f64)> {
+    let count = |of: &dyn Fn(&&Goal) -> bool| goals.iter().filter(of).count();
+    let stride = (count(&|g| !g.is_landmark) / USED_GOALS).max(1) as u32;
+    let is_used = |g: &&Goal| {
+        !g.is_landmark && (template.pair[g.vertex as usize] / NEAREST_STRIDE).is_multiple_of(stride)
+    };
+    let share = count(&|g| !g.is_landmark) as f64 / count(&is_used).max(1) as f64;
+    (goals.iter())
+        .filter(|g| g.is_landmark || is_used(g))
+        .map(|g| (g, if g.is_landmark { 1.0 } else { share }))
+        .collect()
 }
 
 /// How little the modes know of the person that `now` was fitted to: from the distances along the normals that remain.
