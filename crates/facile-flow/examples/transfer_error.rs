@@ -108,10 +108,17 @@ fn measure(
         people.push(person(&input.truth, placed, landmarks));
     }
     let mut all = Vec::new();
+    let mut by_person = vec![(0.0, 0.0); people.len()];
     for (i, a) in people.iter().enumerate() {
         for (j, b) in people.iter().enumerate() {
             if i != j {
-                all.extend(transfer(a, b));
+                let errors: Vec<(f64, usize)> = transfer(a, b).collect();
+                let sum: f64 = errors.iter().map(|e| e.0).sum();
+                for k in [i, j] {
+                    by_person[k].0 += sum;
+                    by_person[k].1 += errors.len() as f64;
+                }
+                all.extend(errors);
             }
         }
     }
@@ -138,6 +145,10 @@ fn measure(
     }
     for ((name, _), (sum, count)) in REGIONS.iter().zip(by_region) {
         eprint!(" | {name} {:.2}", sum / count);
+    }
+    eprint!(" | scans");
+    for (sum, count) in by_person {
+        eprint!(" {:.2}", sum / count);
     }
     eprintln!();
     Ok(())

@@ -15,7 +15,7 @@ use rayon::prelude::*;
 use crate::cage::Target;
 use crate::channels::{CylinderImage, MEAN, comparable};
 use crate::flow::{DisplacementField, field_down_to, forward_backward};
-use crate::identity_fit::{FineModes, Identity, Iterate};
+use crate::identity_fit::{FineModes, Identity, Iterate, strangeness};
 use crate::landmarks::Anchor;
 use crate::neighbors::NONE;
 use crate::pyramid::Pyramid;
@@ -51,7 +51,10 @@ pub(crate) struct Shape {
 
 /// Weight of a place that the flow did not decide but only carried over from its neighbours. The thin plate between
 /// decided places is a better guess: 0.3 makes the transfer error 0.1 mm larger.
-const UNDECIDED: f64 = 0.02;
+/// For strangers to the identity model less, see [`Identity::strangeness`]: what it carries over is the model's guess.
+const UNDECIDED: f64 = 0.04;
+/// Half the weight is left to goals this far away, mm.
+const FAR: f64 = 20.0;
 
 /// Gauss-Newton steps for each round of nearest points, and the errors that their fit may find, mm: far from the scan
 /// the distances say nothing about how well the modes could explain it.
@@ -127,6 +130,15 @@ pub(crate) fn fit_shape(
         );
         scan.transform(&motion.inverse());
         shape.cage = modes.cage(rest, &shape.identity);
+        if k + 1 == params.nearest_rounds {
+            let positions = template.fine(&shape.cage);
+            let normals = vertex_normals(&positions, &template.reference.mesh.triangles);
+            let now = Iterate {
+                positions: &positions,
+                normals: &normals,
+            };
+            shape.identity.strangeness = strangeness(template, &now, &goals);
+        }
     }
     shape.base.clone_from(&shape.cage);
     let with_color = scan.has_color();
@@ -266,8 +278,8 @@ pub(crate) struct Goal {
     pub(crate) is_landmark: bool,
 }
 
-/// Every how many fine vertices take part while the pose and a few dozen modes are found from nearest points.
-const NEAREST_STRIDE: usize = 6;
+/// Every how many pairs of fine vertices take part while the pose and a few dozen modes are found from nearest points.
+pub(crate) const NEAREST_STRIDE: u32 = 6;
 
 /// Nearest points of the scan: they tell how far the surface is, and little about where on it. Vertices that find none
 /// are marked as `beyond` it and asked no more, since the reach only shrinks.
@@ -281,7 +293,7 @@ fn nearest_goals(
 ) -> Vec<Goal> {
     let normals = vertex_normals(fine, &template.reference.mesh.triangles);
     let goal = |(v, (start, beyond)): (usize, (&mut u32, &mut bool))| {
-        if template.skin[v] <= 0.0 || *beyond {
+        if template.skin[v] <= 0.0 || *beyond || template.pair[v] % NEAREST_STRIDE != 0 {
             return None;
         }
         let hit = scan.nearest_from(*start, &fine[v], &normals[v], reach);
@@ -296,7 +308,7 @@ fn nearest_goals(
             vertex: v as u32,
             at: hit.point,
             weight: template.skin[v] * (1.0 - far * far).powi(2),
-            slide: 0.1,
+            slide: 0.05,
             is_landmark: false,
         })
     };
@@ -304,7 +316,6 @@ fn nearest_goals(
         .par_iter_mut()
         .zip(beyond)
         .enumerate()
-        .step_by(NEAREST_STRIDE)
         .filter_map(goal)
         .collect()
 }
@@ -390,6 +401,7 @@ fn follow_flow(
         None => forward.confidence.map(|_| 0.0),
     };
     let cell = seen.map.grid.h_step;
+    let undecided = UNDECIDED / shape.identity.strangeness.powi(2);
     let mut goals = Vec::new();
     for (v, p) in view.mesh.positions.iter().enumerate() {
         shape.evidence[v] = NO_EVIDENCE;
@@ -410,9 +422,9 @@ fn follow_flow(
         let [cx, cy] = to.map(|c| c.round() as usize);
         shape.starts[v] = seen.map.triangle[(cx, cy)];
         let far = (goal - p).norm();
-        let weight = template.skin[v] * (UNDECIDED + (1.0 - UNDECIDED) * confidence)
+        let weight = template.skin[v] * (undecided + (1.0 - undecided) * confidence)
             / (1.0 + (round_trip / 2.0).powi(2))
-            / (1.0 + (far / 12.0).powi(4));
+            / (1.0 + (far / FAR).powi(4));
         shape.evidence[v] = Evidence {
             forward_backward: round_trip,
             confidence,

@@ -6,13 +6,14 @@
 //! of the face themselves: fitted in turns, pose and modes drift against each other. What the population never shows
 //! is left to the smooth deformation. Source: [BPV06]; Blanz and Vetter 1999.
 
+use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
 
 use facile_core::subdivision::Stencils;
 use facile_core::{IdentityModel, Isometry3, Point3, UnitQuaternion, Vector3};
 use nalgebra::{DMatrix, DVector, Translation3};
 
-use crate::fit::Goal;
+use crate::fit::{Goal, NEAREST_STRIDE};
 use crate::template::Template;
 
 /// Area of skin whose goals err together, mm^2: as many goals as fit in there count as one.
@@ -23,6 +24,13 @@ const LARGEST: f64 = 3.0;
 const SIZE_DEVIATION: f64 = 0.04;
 /// About how many goals a fit uses: it has far more than it needs.
 const USED_GOALS: usize = 900;
+/// Side of the cubes over which distances to the scan are averaged before a person is called strange, mm.
+const CUBE: f64 = 20.0;
+/// Distance, mm, that people of the model's own population leave at most after the nearest points, with noise or without.
+const FAMILIAR: f64 = 0.9;
+/// The power with which strangeness grows beyond that, and the most that it grows to.
+const STRANGENESS_POWER: f64 = 16.0;
+const STRANGEST: f64 = 6.0;
 /// Unknowns before the coefficients: rotation, translation, logarithm of the size.
 const POSE: usize = 7;
 
@@ -40,6 +48,10 @@ pub(crate) struct FineModes {
 pub(crate) struct Identity {
     pub(crate) coefficients: Vec<f64>,
     pub(crate) size: f64,
+    /// How little the modes know of this person, from 1 for one of the model's population to [`STRANGEST`]: the factor
+    /// by which their fit to the flow believes the goals less. Bent to a stranger, the modes pull places that have no
+    /// features of their own along the surface.
+    pub(crate) strangeness: f64,
 }
 
 /// The fine vertices of an identity, mm, and the unit normals of the face as it is now.
@@ -74,6 +86,7 @@ impl FineModes {
         Identity {
             coefficients: vec![0.0; self.count],
             size,
+            strangeness: 1.0,
         }
     }
 
@@ -93,7 +106,7 @@ impl FineModes {
     }
 
     /// One step: improves `identity` and returns the rigid motion of the face that brings it nearest to the goals.
-    /// How far the goals can be believed is found from their distances, within `error` mm.
+    /// How far the goals can be believed is found from their distances, within `error` mm, times the strangeness.
     pub(crate) fn step(
         &self,
         template: &Template<'_>,
@@ -103,14 +116,10 @@ impl FineModes {
         identity: &mut Identity,
     ) -> Isometry3 {
         let n = POSE + self.count;
-        let stride = (goals.len() / USED_GOALS).max(1);
-        // Landmarks come one by one and count each; of the rest one in `stride` stands for its neighbours.
-        let used: Vec<(&Goal, f64)> = (goals.iter().enumerate())
-            .filter(|(i, g)| g.is_landmark || i % stride == 0)
-            .map(|(_, g)| (g, if g.is_landmark { 1.0 } else { stride as f64 }))
-            .collect();
+        let used = used_goals(template, goals);
         let Iterate { positions, normals } = *now;
-        let error = goal_error(template, now, &used).clamp(*error.start(), *error.end());
+        let error = goal_error(template, now, &used).clamp(*error.start(), *error.end())
+            * identity.strangeness;
         let unit = 1.0 / (INDEPENDENT_AREA * error * error);
         let mut system = NormalEquations::new(n);
         for (goal, count) in used {
@@ -162,6 +171,46 @@ impl FineModes {
             UnitQuaternion::from_scaled_axis(Vector3::new(step[0], step[1], step[2])),
         )
     }
+}
+
+/// The goals that a fit uses, and how many each stands for. Landmarks come one by one and count each; of the rest
+/// one pair of mirror images stands for others, so that a mirrored scan gives the mirrored fit.
+fn used_goals<'g>(template: &Template<'_>, goals: &'g [Goal]) -> Vec<(&'g Goal, f64)> {
+    let count = |of: &dyn Fn(&&Goal) -> bool| goals.iter().filter(of).count();
+    let stride = (count(&|g| !g.is_landmark) / USED_GOALS).max(1) as u32;
+    let is_used = |g: &&Goal| {
+        !g.is_landmark && (template.pair[g.vertex as usize] / NEAREST_STRIDE).is_multiple_of(stride)
+    };
+    let share = count(&|g| !g.is_landmark) as f64 / count(&is_used).max(1) as f64;
+    (goals.iter())
+        .filter(|g| g.is_landmark || is_used(g))
+        .map(|g| (g, if g.is_landmark { 1.0 } else { share }))
+        .collect()
+}
+
+/// How little the modes know of the person that `now` was fitted to: from the distances along the normals that remain.
+/// They are averaged over cubes first: noise averages out, and what remains is shape that the modes do not hold.
+pub(crate) fn strangeness(template: &Template<'_>, now: &Iterate<'_>, goals: &[Goal]) -> f64 {
+    let mut cubes: BTreeMap<[i32; 3], (f64, f64)> = BTreeMap::new();
+    for goal in goals {
+        let v = goal.vertex as usize;
+        if template.face[v] {
+            let at = template.reference.mesh.positions[v];
+            let weight = template.areas[v] * goal.weight;
+            let distance = now.normals[v].dot(&(goal.at - now.positions[v]));
+            let cube = [at.x, at.y, at.z].map(|c| (c / CUBE).floor() as i32);
+            let (sum, total) = cubes.entry(cube).or_default();
+            *sum += weight * distance;
+            *total += weight;
+        }
+    }
+    let (square, total) = (cubes.values())
+        .filter(|(_, weight)| *weight > 0.0)
+        .fold((0.0, 1e-9), |(square, total), (sum, weight)| {
+            (square + sum * sum / weight, total + weight)
+        });
+    let misfit = f64::sqrt(square / total);
+    libm::pow(misfit / FAMILIAR, STRANGENESS_POWER).clamp(1.0, STRANGEST)
 }
 
 /// Root mean squared distance of the goals an axis, mm.
@@ -226,9 +275,12 @@ impl NormalEquations {
         }
         let n = self.n;
         for i in 0..n {
-            let [a, b, c, d, e, f] = self.waiting.each_ref().map(|row| &row[..=i]);
-            let [p, q, r, s, t, u] = self.waiting.each_ref().map(|row| row[i]);
-            let out = &mut self.matrix[i * n..=i * n + i];
+            // Lengths that the compiler sees to be equal: no check of bounds inside the loop.
+            let [a, b, c, d, e, f] = &self.waiting;
+            let (a, b, c) = (&a[..=i], &b[..=i], &c[..=i]);
+            let (d, e, f) = (&d[..=i], &e[..=i], &f[..=i]);
+            let (p, q, r, s, t, u) = (a[i], b[i], c[i], d[i], e[i], f[i]);
+            let out = &mut self.matrix[i * n..][..=i];
             for j in 0..=i {
                 out[j] += (a[j] * p + b[j] * q + c[j] * r) + (d[j] * s + e[j] * t + f[j] * u);
             }

@@ -17,21 +17,39 @@ pub(crate) struct TriangleNeighbors {
 }
 
 impl TriangleNeighbors {
-    /// Pairs the edges of `triangles`. Cost O(n log n).
-    pub(crate) fn new(triangles: &[[u32; 3]]) -> Self {
-        let mut edges: Vec<(u64, u32)> = Vec::with_capacity(3 * triangles.len());
-        for (t, &[a, b, c]) in triangles.iter().enumerate() {
-            for (k, (p, q)) in [(a, b), (b, c), (c, a)].into_iter().enumerate() {
-                let key = (u64::from(p.min(q)) << 32) | u64::from(p.max(q));
-                edges.push((key, 3 * t as u32 + k as u32));
+    /// Pairs the edges of `triangles`, whose corners are less than `vertices`. Cost O(n): edges are put in the bucket of
+    /// their smaller vertex, and each bucket holds a few.
+    pub(crate) fn new(vertices: usize, triangles: &[[u32; 3]]) -> Self {
+        let edges = |t: usize| {
+            let [a, b, c] = triangles[t];
+            [(a, b), (b, c), (c, a)].map(|(p, q)| (p.min(q), p.max(q)))
+        };
+        let mut starts = vec![0_u32; vertices + 1];
+        for (p, _) in (0..triangles.len()).flat_map(edges) {
+            starts[p as usize + 1] += 1;
+        }
+        for v in 0..vertices {
+            starts[v + 1] += starts[v];
+        }
+        let mut next = starts.clone();
+        // The larger vertex, and the edge of its triangle.
+        let mut buckets = vec![(0_u32, 0_u32); 3 * triangles.len()];
+        for t in 0..triangles.len() {
+            for (k, (p, q)) in edges(t).into_iter().enumerate() {
+                let place = &mut next[p as usize];
+                buckets[*place as usize] = (q, 3 * t as u32 + k as u32);
+                *place += 1;
             }
         }
-        edges.sort_unstable();
         let mut across = vec![[NONE; 3]; triangles.len()];
-        for run in edges.chunk_by(|a, b| a.0 == b.0) {
-            if let [(_, e), (_, f)] = *run {
-                across[e as usize / 3][e as usize % 3] = f / 3;
-                across[f as usize / 3][f as usize % 3] = e / 3;
+        for range in starts.windows(2) {
+            let bucket = &mut buckets[range[0] as usize..range[1] as usize];
+            bucket.sort_unstable();
+            for run in bucket.chunk_by(|a, b| a.0 == b.0) {
+                if let [(_, e), (_, f)] = *run {
+                    across[e as usize / 3][e as usize % 3] = f / 3;
+                    across[f as usize / 3][f as usize % 3] = e / 3;
+                }
             }
         }
         Self { across }
@@ -216,7 +234,7 @@ mod tests {
         for &t in &flipped {
             mesh.triangles[t].swap(1, 2);
         }
-        let turned = TriangleNeighbors::new(&mesh.triangles).turned(&mesh);
+        let turned = TriangleNeighbors::new(mesh.positions.len(), &mesh.triangles).turned(&mesh);
         for (t, turned) in turned.iter().enumerate() {
             assert_eq!(*turned, flipped.contains(&t), "triangle {t}");
         }
@@ -225,7 +243,7 @@ mod tests {
     #[test]
     fn a_walk_ends_at_the_nearest_point() {
         let mesh = sheet(20);
-        let neighbors = TriangleNeighbors::new(&mesh.triangles);
+        let neighbors = TriangleNeighbors::new(mesh.positions.len(), &mesh.triangles);
         let target = Point3::new(3.3, -4.2, 0.1);
         let (_, _, found) = neighbors.walk(&mesh, 410, &target);
         let nearest = (0..mesh.triangles.len() as u32)

@@ -56,7 +56,7 @@ pub(crate) struct Contact {
 /// [`FlowError::TooFewTriangles`] if fewer than 100 remain.
 pub(crate) fn clean(mesh: &Mesh) -> Result<CleanScan, FlowError> {
     let mut mesh = sound_triangles(&thin_out(mesh))?;
-    let neighbors = TriangleNeighbors::new(&mesh.triangles);
+    let neighbors = TriangleNeighbors::new(mesh.positions.len(), &mesh.triangles);
     let turned = neighbors.turned(&mesh);
     let has_texcoords = !mesh.texcoord_triangles.is_empty();
     for t in (0..turned.len()).filter(|t| turned[*t]) {
@@ -66,7 +66,7 @@ pub(crate) fn clean(mesh: &Mesh) -> Result<CleanScan, FlowError> {
         }
     }
     let neighbors = if turned.contains(&true) {
-        TriangleNeighbors::new(&mesh.triangles)
+        TriangleNeighbors::new(mesh.positions.len(), &mesh.triangles)
     } else {
         neighbors
     };

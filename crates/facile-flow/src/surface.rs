@@ -157,9 +157,10 @@ impl Grid {
         let range = |k: usize| {
             let low = corners[0][k].min(corners[1][k]).min(corners[2][k]);
             let high = corners[0][k].max(corners[1][k]).max(corners[2][k]);
-            let [low, high] = [low, high].map(|c| ((c - self.low[k]) / CELL).floor());
-            // Outside the box on one side the range is empty.
-            low.max(0.0) as i64..(high as i64).min(self.size[k] - 1) + 1
+            let [low, high] = [low, high].map(|c| (c - self.low[k]) / CELL);
+            // Outside the box on one side the range is empty. Numbers that are not negative are cut, not rounded down.
+            let end = if high < 0.0 { 0 } else { high as i64 + 1 };
+            low.max(0.0) as i64..end.min(self.size[k])
         };
         let [xs, ys, zs] = [range(0), range(1), range(2)];
         for z in zs {

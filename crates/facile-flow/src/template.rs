@@ -31,6 +31,8 @@ pub(crate) struct Template<'a> {
     pub(crate) face: Vec<bool>,
     /// Area of each fine vertex, mm^2.
     pub(crate) areas: Vec<f64>,
+    /// A number without pattern of each fine vertex that it shares with its mirror image.
+    pub(crate) pair: Vec<u32>,
     /// Linear RGB at each fine vertex, from the mean texture.
     pub(crate) colors: Vec<Vector3>,
 }
@@ -65,6 +67,7 @@ impl<'a> Template<'a> {
                 .collect(),
             skin,
             areas: vertex_areas(&mesh.positions, &mesh.triangles),
+            pair: pairs(reference),
             colors: vertex_colors(reference),
         })
     }
@@ -124,6 +127,24 @@ impl<'a> Template<'a> {
             raw,
         }
     }
+}
+
+/// A number of each fine vertex that it shares with its mirror image and few others: from the cage vertices that it hangs
+/// on, in the order of their pairs.
+fn pairs(reference: &ReferenceHead) -> Vec<u32> {
+    let stencils = &reference.subdivision.stencils;
+    let mirror = &reference.cage.mirror;
+    (0..stencils.len())
+        .map(|v| {
+            // Sums do not depend on the order of a stencil's entries; weights are the same on both sides.
+            let sum = stencils.row(v).iter().fold(0_u32, |sum, &(u, w)| {
+                let pair = u.min(mirror[u as usize]).wrapping_add(1);
+                let weight = (w * 1024.0).round() as i64 as u32;
+                sum.wrapping_add(pair.wrapping_mul(weight.wrapping_mul(0x9E37_79B1) | 1))
+            });
+            sum.wrapping_mul(0x85EB_CA6B) >> 8
+        })
+        .collect()
 }
 
 /// The template in one shape.

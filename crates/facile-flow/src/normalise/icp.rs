@@ -15,7 +15,7 @@ fn nearest(scan: &Cubes, p: &Point3, reach: f64) -> Option<(Point3, Vector3)> {
     ((point - p).norm() <= reach).then_some((point, normal))
 }
 
-/// Points of the reference's face with normals, reference frame.
+/// Points of the reference's face with normals, reference frame: those of one side, then their mirror images.
 pub(crate) struct FacePoints {
     /// Positions, mm.
     pub(crate) points: Vec<Point3>,
@@ -24,13 +24,32 @@ pub(crate) struct FacePoints {
 }
 
 impl FacePoints {
-    /// Every `step`-th point.
-    pub(crate) fn thinned(&self, count: usize) -> Self {
-        let step = self.points.len().div_ceil(count.max(1)).max(1);
+    /// Points of one side with their normals, and their mirror images: so that a mirrored scan gives the mirrored pose.
+    pub(crate) fn mirrored(side: &[(Point3, Vector3)]) -> Self {
+        let turn = |v: &Vector3| Vector3::new(-v.x, v.y, v.z);
+        let both = |side: &mut dyn Iterator<Item = Vector3>| -> Vec<Vector3> {
+            let mut all: Vec<Vector3> = side.collect();
+            all.extend(all.clone().iter().map(turn));
+            all
+        };
         Self {
-            points: self.points.iter().copied().step_by(step).collect(),
-            normals: self.normals.iter().copied().step_by(step).collect(),
+            points: both(&mut side.iter().map(|s| s.0.coords))
+                .into_iter()
+                .map(Point3::from)
+                .collect(),
+            normals: both(&mut side.iter().map(|s| s.1)),
         }
+    }
+
+    /// Every `step`-th point and its mirror image.
+    pub(crate) fn thinned(&self, count: usize) -> Self {
+        let half = self.points.len() / 2;
+        let step = self.points.len().div_ceil(count.max(1)).max(1);
+        let chosen: Vec<usize> = (0..half).step_by(step).collect();
+        let side: Vec<(Point3, Vector3)> = (chosen.iter())
+            .map(|&i| (self.points[i], self.normals[i]))
+            .collect();
+        Self::mirrored(&side)
     }
 }
 

@@ -347,7 +347,7 @@ fn face_points(reference: &ReferenceHead) -> FacePoints {
     let mut taken = std::collections::BTreeMap::new();
     for (v, p) in mesh.positions.iter().enumerate() {
         let frontal = libm::fabs(libm::atan2(p.x, p.z)) < 1.15 && p.y < 60.0;
-        if is_face[v] && frontal {
+        if is_face[v] && frontal && p.x >= 0.0 {
             let cube = [p.x, p.y, p.z].map(|c| (c / 5.0).floor() as i32);
             taken.entry(cube).or_insert(v);
         }
@@ -355,10 +355,10 @@ fn face_points(reference: &ReferenceHead) -> FacePoints {
     // An order without pattern, so that every thinned list covers the whole face.
     let mut chosen: Vec<usize> = taken.into_values().collect();
     chosen.sort_by_key(|v| (*v as u32).wrapping_mul(2_654_435_761));
-    FacePoints {
-        points: chosen.iter().map(|&v| mesh.positions[v]).collect(),
-        normals: chosen.iter().map(|&v| normals[v]).collect(),
-    }
+    let side: Vec<(Point3, Vector3)> = (chosen.iter())
+        .map(|&v| (mesh.positions[v], normals[v]))
+        .collect();
+    FacePoints::mirrored(&side)
 }
 
 /// The reference's nose tip, as the detector of [`nose`] sees it.
