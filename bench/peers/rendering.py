@@ -207,7 +207,7 @@ SCENE_TOML = """frames = {frames}
 [image]
 size = [{size}, {size}]
 samples = {samples}
-truth = ["depth", "normals", "segments"]
+truth = [{truth}]
 offset_mm = {offset}
 [camera]
 position = {cam_pos}
@@ -229,12 +229,15 @@ intensity = {ambient}
 """
 
 
-def facile_row(scene: Scene, folder: Path, program: str, size: int, repeats: int, samples="1", jitter=0.0):
+LABELS = '"depth", "normals", "segments"'
+
+
+def facile_row(scene: Scene, folder: Path, program: str, size: int, repeats: int, samples="1", jitter=0.0, truth=LABELS):
     """CPU ms of a frame with depth, normals and ids, and the image."""
     s = scene.settings
     text = SCENE_TOML.format(
         **{k: s[k] for k in ("cam_pos", "cam_target", "cam_up", "fov_deg", "ks", "shininess", "light_pos", "ambient")},
-        frames=repeats, size=size, samples=samples, offset=s["shadow_eps"], data=folder.resolve(),
+        frames=repeats, size=size, samples=samples, truth=truth, offset=s["shadow_eps"], data=folder.resolve(),
         intensity=s["light_I"] / 1e6 / math.pi, jitter=f"jitter_mm = {jitter}" if jitter else "")
 
     def cpu(text):
@@ -294,10 +297,12 @@ def main():
         else:
             reason = (done.stderr.strip().splitlines() or [""])[-1]
             rows.append((f"{name}: left out, exit code {done.returncode}, {reason[:80]}", None, ""))
-    ways = (("256 x 256", 256, "1", 0.0), ("256 x 256, moved", 256, "1", 0.2), ("512 x 512", 512, "1", 0.0),
-            ("256 x 256, 16 samples", 256, "16", 0.0), ("256 x 256, adaptive", 256, '"adaptive"', 0.0))
-    for name, size, samples, jitter in ways:
-        ms, image = facile_row(scene, options.data, options.facile, size, options.repeats, samples, jitter)
+    layers = LABELS + ', "occlusion", "layers"'
+    ways = (("256 x 256", 256, "1", 0.0, LABELS), ("256 x 256, moved", 256, "1", 0.2, LABELS),
+            ("256 x 256, four layers, amodal masks", 256, "1", 0.0, layers), ("512 x 512", 512, "1", 0.0, LABELS),
+            ("256 x 256, 16 samples", 256, "16", 0.0, LABELS), ("256 x 256, adaptive", 256, '"adaptive"', 0.0, LABELS))
+    for name, size, samples, jitter, truth in ways:
+        ms, image = facile_row(scene, options.data, options.facile, size, options.repeats, samples, jitter, truth)
         rows.append((f"facile, {name}", ms, "" if jitter else error(image, reference)))
     print("| tracer | ms | RMSE |\n|---|---|---|")
     for name, ms, rmse in rows:

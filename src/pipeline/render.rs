@@ -13,6 +13,9 @@ use crate::Error;
 use crate::recipe::file::Truth;
 use crate::recipe::{ImageSettings, Occluder, View};
 
+/// Surfaces of a pixel that the truth `layers` tells of.
+const LAYERS: u32 = 4;
+
 /// Linear light of an sRGB colour.
 fn linear(srgb: [u8; 3]) -> Rgb {
     Rgb::from(srgb.map(|c| LINEAR_FROM_SRGB8[usize::from(c)]))
@@ -83,7 +86,11 @@ impl Pipeline {
                 depth_z: wants(Truth::Depth),
                 normal_in_camera: wants(Truth::Normals),
                 segment: wants(Truth::Segments),
-                occlusion: wants(Truth::Occlusion) || wants(Truth::Visibility),
+                occlusion: wants(Truth::Occlusion)
+                    || wants(Truth::Visibility)
+                    || wants(Truth::Amodal),
+                coverage: wants(Truth::Coverage),
+                layers: if wants(Truth::Layers) { LAYERS } else { 0 },
                 ..TraceTruth::default()
             },
             ..RenderSettings::default()

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use facile_core::{Plane, Segment, Subject};
 use facile_trace::{
-    Camera, HeadScene, Layer, Occlusion, Ray, Scene as TracedScene, View as TracedView,
+    Camera, HeadScene, Layer, LayerMaps, Occlusion, Ray, Scene as TracedScene, View as TracedView,
 };
 
 use super::schemes::Placed;
@@ -42,6 +42,15 @@ pub struct Maps {
     pub visibility: Option<Plane<u8>>,
     /// 0 no head, 1 seen, 2 covered, 3 seen through something transparent.
     pub occlusion: Option<Plane<u8>>,
+    /// Ids of [`Segment`] as if there were no occluders; 0 where nothing is.
+    pub amodal: Option<Plane<u8>>,
+    /// Ids of [`Segment`] of the first surfaces of each pixel: a plane for each, the nearest surface's first, one below the
+    /// other; 0 where there is none.
+    pub layers: Option<Plane<u8>>,
+    /// Their depths, mm, likewise; infinite where there is none.
+    pub layer_depth_z: Option<Plane<f32>>,
+    /// 255 times the share of each pixel that shows any surface.
+    pub coverage: Option<Plane<u8>>,
 }
 
 /// The ground truth of a view, whatever the light.
@@ -103,6 +112,13 @@ impl Pipeline {
                 .filter(|_| image.wants(Truth::Visibility))
                 .map(|plane| plane.map(visible)),
             occlusion: occlusion.filter(|_| image.wants(Truth::Occlusion)).cloned(),
+            amodal: asked(Truth::Amodal).and(buffer.amodal_segment.clone()),
+            layers: asked(Truth::Layers).and_then(|()| stacked(&buffer.layers, |l| &l.segment)),
+            layer_depth_z: asked(Truth::Layers)
+                .and_then(|()| stacked(&buffer.layers, |l| &l.depth_z)),
+            coverage: asked(Truth::Coverage)
+                .and(buffer.coverage.as_ref())
+                .map(|plane| plane.map(|share| (share * 255.0).round() as u8)),
         };
         ViewTruth {
             landmarks,
@@ -192,6 +208,20 @@ impl Pipeline {
     }
 }
 
+/// The planes of all layers, one below the other; `None` without layers.
+fn stacked<T: Clone>(
+    layers: &[LayerMaps],
+    plane: impl Fn(&LayerMaps) -> &Plane<T>,
+) -> Option<Plane<T>> {
+    let first = plane(layers.first()?);
+    let values: Vec<T> = layers
+        .iter()
+        .flat_map(|layer| plane(layer).as_slice().iter().cloned())
+        .collect();
+    let rows = first.height() * layers.len();
+    Some(Plane::from_vec(first.width(), rows, values))
+}
+
 /// Projects landmarks and finds what hides each.
 fn landmark_record(placed: &[Placed], scene: &HeadScene, camera: &Camera) -> LandmarkRecord {
     let projected: Vec<Option<([f64; 2], f64)>> =
@@ -279,13 +309,18 @@ fn map_records(first: u64, maps: &Maps) -> BTreeMap<&'static str, MapRecord> {
         ("normals", maps.normals.is_some()),
         ("visibility", maps.visibility.is_some()),
         ("occlusion", maps.occlusion.is_some()),
+        ("amodal", maps.amodal.is_some()),
+        ("layers", maps.layers.is_some()),
+        ("layer_depth", maps.layer_depth_z.is_some()),
+        ("coverage", maps.coverage.is_some()),
     ];
     let present = kinds.into_iter().filter(|(_, is_there)| *is_there);
     present
         .map(|(kind, _)| {
             let record = MapRecord {
                 file: map_name(kind, first),
-                steps_per_mm: (kind == "depth").then_some(maps.depth_steps_per_mm),
+                steps_per_mm: (kind == "depth" || kind == "layer_depth")
+                    .then_some(maps.depth_steps_per_mm),
             };
             (kind, record)
         })

@@ -172,6 +172,13 @@ pub enum Truth {
     Visibility,
     /// 0 no head, 1 seen, 2 covered by an occluder, 3 seen through something transparent.
     Occlusion,
+    /// Class of the surface at each pixel as if there were no occluders, 8 bit: the amodal mask of the face.
+    Amodal,
+    /// Classes and distances of the first four surfaces of each pixel, the nearest on top, the others below it in the same
+    /// files `layers` (8 bit) and `layer_depth` (16 bit): what lies under glasses, masks and hair.
+    Layers,
+    /// Share of each pixel that shows any surface, 8 bit: alpha.
+    Coverage,
 }
 
 /// `[subjects]`

@@ -168,6 +168,10 @@ fn maps() -> Value {
             "depth": map("depth along the optical axis, 16 bit: value / steps_per_mm; 0 where nothing is", json!({})),
             "normals": map("unit normals in the camera's frame: value / 127.5 - 1; grey where nothing is", json!({})),
             "visibility": map("255 where the head is seen, directly or through a lens", json!({})),
+            "amodal": map("class of the surface at each pixel's centre as if there were no occluders, 8 bit", json!({})),
+            "layers": map("classes of the first four surfaces of each pixel, 8 bit: four images one below the other, the nearest surface on top; 0 where there is none", json!({})),
+            "layer_depth": map("their depths along the optical axis, 16 bit, likewise: value / steps_per_mm; 0 where there is none", json!({})),
+            "coverage": map("share of the pixel that shows any surface: value / 255", json!({})),
             "occlusion": map("0 no head, 1 seen, 2 covered by an occluder, 3 seen through something transparent", json!({})),
         },
     })

@@ -36,4 +36,14 @@ pub use webdataset::{WEBDATASET, tar_name};
 /// Folder of the images.
 pub const IMAGES: &str = "images";
 /// Folders of the maps, by kind of truth.
-pub const MAP_FOLDERS: [&str; 5] = ["segments", "depth", "normals", "visibility", "occlusion"];
+pub const MAP_FOLDERS: [&str; 9] = [
+    "segments",
+    "depth",
+    "normals",
+    "visibility",
+    "occlusion",
+    "amodal",
+    "layers",
+    "layer_depth",
+    "coverage",
+];

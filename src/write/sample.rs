@@ -136,18 +136,25 @@ pub fn map_name(kind: &str, index: u64) -> String {
 
 fn encode_maps(maps: &Maps) -> Result<Vec<(&'static str, Vec<u8>)>, Error> {
     let gray = |plane: &Option<Plane<u8>>| plane.as_ref().map(encode_gray8).transpose();
+    let deep = |plane: &Option<Plane<f32>>| {
+        let plane = plane
+            .as_ref()
+            .map(|plane| depth16(plane, maps.depth_steps_per_mm));
+        plane.as_ref().map(encode_gray16).transpose()
+    };
     let encoded = [
         ("segments", gray(&maps.segments)?),
-        (
-            "depth",
-            depth16(maps).as_ref().map(encode_gray16).transpose()?,
-        ),
+        ("depth", deep(&maps.depth_z)?),
         (
             "normals",
             normals8(maps).as_ref().map(encode_rgb8).transpose()?,
         ),
         ("visibility", gray(&maps.visibility)?),
         ("occlusion", gray(&maps.occlusion)?),
+        ("amodal", gray(&maps.amodal)?),
+        ("layers", gray(&maps.layers)?),
+        ("layer_depth", deep(&maps.layer_depth_z)?),
+        ("coverage", gray(&maps.coverage)?),
     ];
     let present = encoded
         .into_iter()
@@ -156,16 +163,14 @@ fn encode_maps(maps: &Maps) -> Result<Vec<(&'static str, Vec<u8>)>, Error> {
 }
 
 /// Depth in steps, see [`Maps::depth_steps_per_mm`]; 0 where nothing is or beyond the last step.
-fn depth16(maps: &Maps) -> Option<Plane<u16>> {
-    maps.depth_z.as_ref().map(|plane| {
-        plane.map(|z| {
-            let steps = (f64::from(*z) * maps.depth_steps_per_mm).round();
-            if steps <= f64::from(u16::MAX) {
-                steps as u16
-            } else {
-                0
-            }
-        })
+fn depth16(plane: &Plane<f32>, steps_per_mm: f64) -> Plane<u16> {
+    plane.map(|z| {
+        let steps = (f64::from(*z) * steps_per_mm).round();
+        if steps <= f64::from(u16::MAX) {
+            steps as u16
+        } else {
+            0
+        }
     })
 }
 
@@ -188,7 +193,8 @@ mod tests {
             normals: Some(Plane::from_vec(2, 1, vec![[0.6, -0.8, 0.0], [0.0; 3]])),
             ..Maps::default()
         };
-        let depth = depth16(&maps).expect("present");
+        let depth = maps.depth_z.as_ref().expect("present");
+        let depth = depth16(depth, maps.depth_steps_per_mm);
         assert!((f64::from(depth[(0, 0)]) / 32.0 - 801.237).abs() <= 0.5 / 32.0 + 1e-4);
         assert_eq!((depth[(1, 0)], depth[(2, 0)]), (0, 0));
         let normals = normals8(&maps).expect("present");

@@ -1,6 +1,8 @@
 //! Colour textures: 8-bit sRGB in memory, linear when sampled.
 
-use crate::color::LINEAR_FROM_SRGB8;
+use std::sync::OnceLock;
+
+use crate::color::{LINEAR_FROM_SRGB8, srgb8_from_linear};
 
 /// An RGB image, row 0 at the top as in files. Texture coordinate `(0, 0)` is the lower left corner of the image.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -8,7 +10,21 @@ pub struct Texture {
     width: usize,
     height: usize,
     texels: Vec<[u8; 3]>,
+    smaller: Smaller,
 }
+
+/// The levels of a texture below the first, made when they are first asked for. They follow from the texels, so all are
+/// equal here.
+#[derive(Clone, Debug, Default)]
+struct Smaller(OnceLock<Vec<Texture>>);
+
+impl PartialEq for Smaller {
+    fn eq(&self, _: &Self) -> bool {
+        true
+    }
+}
+
+impl Eq for Smaller {}
 
 impl Texture {
     /// A texture over existing sRGB texels, top row first.
@@ -26,6 +42,7 @@ impl Texture {
             width,
             height,
             texels,
+            smaller: Smaller::default(),
         }
     }
 
@@ -51,6 +68,7 @@ impl Texture {
 
     /// All sRGB texels, to write.
     pub fn texels_mut(&mut self) -> &mut [[u8; 3]] {
+        self.smaller = Smaller::default();
         &mut self.texels
     }
 
@@ -65,6 +83,48 @@ impl Texture {
             uv[0] * self.width as f32 - 0.5,
             (1.0 - uv[1]) * self.height as f32 - 0.5,
         ]
+    }
+
+    /// The texture at half the size, `level` times, down to one texel: each texel is the mean light of the four below it.
+    /// The first call for a level above 0 makes all levels, O(texels).
+    pub fn level(&self, level: usize) -> &Self {
+        if level == 0 {
+            return self;
+        }
+        let smaller = self.smaller.0.get_or_init(|| {
+            let mut levels: Vec<Self> = Vec::new();
+            loop {
+                let last = levels.last().unwrap_or(self);
+                if last.width == 1 && last.height == 1 {
+                    return levels;
+                }
+                levels.push(last.halved());
+            }
+        });
+        smaller.get(level - 1).or(smaller.last()).unwrap_or(self)
+    }
+
+    fn halved(&self) -> Self {
+        let lut = &*LINEAR_FROM_SRGB8;
+        let (width, height) = (self.width.div_ceil(2), self.height.div_ceil(2));
+        let mut texels = Vec::with_capacity(width * height);
+        for y in 0..height {
+            let rows = [2 * y, (2 * y + 1).min(self.height - 1)];
+            for x in 0..width {
+                let columns = [2 * x, (2 * x + 1).min(self.width - 1)];
+                let four = [
+                    self.texel(columns[0], rows[0]),
+                    self.texel(columns[1], rows[0]),
+                    self.texel(columns[0], rows[1]),
+                    self.texel(columns[1], rows[1]),
+                ];
+                texels.push(std::array::from_fn(|k| {
+                    let sum: f32 = four.iter().map(|t| lut[usize::from(t[k])]).sum();
+                    srgb8_from_linear(0.25 * sum)
+                }));
+            }
+        }
+        Self::new(width, height, texels)
     }
 
     /// Linear RGB at a texture coordinate, bilinear, clamped at the border.
@@ -103,5 +163,20 @@ mod tests {
         }
         let middle = texture.sample([0.5, 0.5]);
         assert!((middle[0] - 0.25).abs() < 1e-6);
+    }
+
+    #[test]
+    fn smaller_levels_keep_the_mean_light() {
+        let texels = (0..15).map(|i| [if i % 2 == 0 { 255 } else { 0 }, 90, 0]);
+        let mut texture = Texture::new(5, 3, texels.collect());
+        assert_eq!(texture.level(0), &texture);
+        let sizes: Vec<_> = (1..6)
+            .map(|l| (texture.level(l).width(), texture.level(l).height()))
+            .collect();
+        assert_eq!(sizes, [(3, 2), (2, 1), (1, 1), (1, 1), (1, 1)]);
+        // Half of the light is 188 in sRGB, not 128
+        assert_eq!(texture.level(1).texel(0, 0), [188, 90, 0]);
+        texture.texels_mut().fill([7; 3]);
+        assert_eq!(texture.level(2).texel(0, 0), [7; 3]);
     }
 }

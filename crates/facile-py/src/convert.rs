@@ -35,6 +35,16 @@ pub(crate) fn plane<'py, T: numpy::Element + Clone>(
     plane.as_slice().to_vec().into_pyarray(py).reshape(shape)
 }
 
+/// Planes of `height` rows below one another as a `(k, h, w)` array.
+pub(crate) fn planes<'py, T: numpy::Element + Clone>(
+    py: Python<'py>,
+    planes: &Plane<T>,
+    height: usize,
+) -> PyResult<Bound<'py, PyArray3<T>>> {
+    let shape = [planes.height() / height, height, planes.width()];
+    planes.as_slice().to_vec().into_pyarray(py).reshape(shape)
+}
+
 /// A plane of triples as an `(h, w, 3)` array, which takes over its memory.
 pub(crate) fn plane3<T: numpy::Element>(
     py: Python<'_>,

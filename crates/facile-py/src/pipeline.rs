@@ -14,7 +14,7 @@ use pyo3::exceptions::{PyIndexError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyType};
 
-use crate::convert::{from_json, plane, plane3, to_json};
+use crate::convert::{from_json, plane, plane3, planes, to_json};
 use crate::errors::{exception, heavy};
 use crate::subject::Subject;
 
@@ -33,6 +33,7 @@ fn recipe(value: &Bound<'_, PyAny>) -> PyResult<Recipe> {
 /// A sample as a dictionary of arrays.
 fn sample_dict(py: Python<'_>, sample: Sample) -> PyResult<Bound<'_, PyDict>> {
     let dict = PyDict::new(py);
+    let height = sample.image.height();
     dict.set_item("image", plane3(py, sample.image)?)?;
     dict.set_item("record", from_json(py, &sample.record.to_json())?)?;
     let maps = &sample.maps;
@@ -40,6 +41,8 @@ fn sample_dict(py: Python<'_>, sample: Sample) -> PyResult<Bound<'_, PyDict>> {
         ("segments", &maps.segments),
         ("visibility", &maps.visibility),
         ("occlusion", &maps.occlusion),
+        ("amodal", &maps.amodal),
+        ("coverage", &maps.coverage),
     ] {
         if let Some(map) = map {
             dict.set_item(name, plane(py, map)?)?;
@@ -47,6 +50,10 @@ fn sample_dict(py: Python<'_>, sample: Sample) -> PyResult<Bound<'_, PyDict>> {
     }
     if let Some(map) = &maps.depth_z {
         dict.set_item("depth_mm", plane(py, map)?)?;
+    }
+    if let (Some(segments), Some(depths)) = (&maps.layers, &maps.layer_depth_z) {
+        dict.set_item("layers", planes(py, segments, height)?)?;
+        dict.set_item("layer_depth_mm", planes(py, depths, height)?)?;
     }
     if let Some(map) = &maps.normals {
         dict.set_item("normals", plane3(py, map.clone())?)?;

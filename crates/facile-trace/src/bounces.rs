@@ -13,6 +13,10 @@ use crate::scene::{Layer, Scene};
 use crate::surface::{self, SurfaceBlock};
 use crate::whitted::{fresnel, reflect, transmitted};
 
+/// Least share of a sample's light for which a mirrored or refracted ray is followed: a tenth of a step of 8 bits at the
+/// brightness of skin.
+pub(crate) const MIN_SHARE: f32 = 1e-3;
+
 /// How rays go on.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct BounceParams {
@@ -39,6 +43,41 @@ struct Bounce {
     links: Vec<Link>,
 }
 
+/// Distances of rays at a parameter of 1, mm: of the samples before number `from`, a multiple of eight, and of the others.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Spacing {
+    pub(crate) from: usize,
+    pub(crate) mm: [f32; 2],
+}
+
+impl Spacing {
+    /// The same for all.
+    pub(crate) fn even(mm: f32) -> Self {
+        Self {
+            from: 0,
+            mm: [mm; 2],
+        }
+    }
+}
+
+/// Points from which rays go on, from a block on.
+struct Generation<'a> {
+    first_block: usize,
+    hits: &'a [Hit],
+    directions: &'a [[f32; 3]],
+    /// Shares of the samples' light that come from there; empty for the samples themselves.
+    shares: &'a [f32],
+}
+
+/// Rays that go on.
+#[derive(Default)]
+struct Spawned {
+    rays: Vec<Ray>,
+    links: Vec<Link>,
+    /// Share of the sample's light.
+    shares: Vec<f32>,
+}
+
 /// How much of a ray's light goes to which point of the bounce before.
 #[derive(Clone, Copy, Debug)]
 struct Link {
@@ -55,65 +94,96 @@ impl ShadingPoints {
         scene: &Scene,
         hits: &[Hit],
         directions: &[[f32; 3]],
+        spacing: Spacing,
         params: BounceParams,
     ) {
         self.surfaces.clear();
         self.bounces.clear();
         // Room for bounces too, since growing moves everything
         self.surfaces.reserve(hits.len() / 6 + 64);
-        surface::surfaces(scene, hits, directions, &mut self.surfaces);
+        let from = spacing.from.min(hits.len());
+        assert_eq!(
+            spacing.from % LANES,
+            0,
+            "another spacing begins with a block"
+        );
+        for (hits, directions, mm) in [
+            (&hits[..from], &directions[..from], spacing.mm[0]),
+            (&hits[from..], &directions[from..], spacing.mm[1]),
+        ] {
+            surface::surfaces(scene, hits, directions, mm, &mut self.surfaces);
+        }
         self.primary_blocks = self.surfaces.len();
-        let mut first_block = 0;
-        let (mut hits, mut directions) = (hits.to_vec(), directions.to_vec());
-        for _ in 0..params.max_depth {
-            let (rays, links) = self.spawned(scene, first_block, &hits, &directions, params.offset);
+        let first = Generation {
+            first_block: 0,
+            hits,
+            directions,
+            shares: &[],
+        };
+        let mut spawned = self.spawned(scene, &first, params.offset);
+        for depth in 1..=params.max_depth {
+            let Spawned {
+                rays,
+                links,
+                shares,
+            } = spawned;
             if rays.is_empty() {
                 break;
             }
-            first_block = self.surfaces.len();
+            let first_block = self.surfaces.len();
             self.bounces.push(Bounce { first_block, links });
-            hits.clear();
+            let mut hits = Vec::with_capacity(rays.len());
             scene.closest_hits(&rays, Layer::All, &mut hits);
-            directions.clear();
-            directions.extend(rays.iter().map(|r| <[f32; 3]>::from(r.direction)));
-            surface::surfaces(scene, &hits, &directions, &mut self.surfaces);
+            let directions: Vec<[f32; 3]> = rays.iter().map(|r| r.direction.into()).collect();
+            surface::surfaces(scene, &hits, &directions, 0.0, &mut self.surfaces);
+            if depth == params.max_depth {
+                break;
+            }
+            let next = Generation {
+                first_block,
+                hits: &hits,
+                directions: &directions,
+                shares: &shares,
+            };
+            spawned = self.spawned(scene, &next, params.offset);
         }
     }
 
-    /// The rays that the blocks from `first_block` on send out.
-    fn spawned(
-        &self,
-        scene: &Scene,
-        first_block: usize,
-        hits: &[Hit],
-        directions: &[[f32; 3]],
-        offset: f32,
-    ) -> (Vec<Ray>, Vec<Link>) {
-        // Rays that go through come first, then those that are mirrored: packets of one direction
-        let mut through = (Vec::new(), Vec::new());
-        let mut mirrored = (Vec::new(), Vec::new());
-        for (index, block) in self.surfaces[first_block..].iter().enumerate() {
+    /// The rays that a generation of points sends out: those that go through first, then those that are mirrored, so that
+    /// packets have one direction.
+    fn spawned(&self, scene: &Scene, points: &Generation<'_>, offset: f32) -> Spawned {
+        let (mut through, mut mirrored) = (Spawned::default(), Spawned::default());
+        let blocks = &self.surfaces[points.first_block..];
+        for (index, block) in blocks.iter().enumerate() {
             for lane in lanes_of(block.spawns) {
                 let i = index * LANES + lane;
-                let ray = Ray::new(Vec3::zeros(), Vec3::from(directions[i]));
-                let point = Interaction::new(scene, &ray, &hits[i]);
+                let ray = Ray::new(Vec3::zeros(), Vec3::from(points.directions[i]));
+                let point = Interaction::new(scene, &ray, &points.hits[i]);
                 let material = point.object.material(point.triangle);
-                let number = (first_block * LANES + i) as u32;
+                let number = (points.first_block * LANES + i) as u32;
+                let own = points.shares.get(i).copied().unwrap_or(1.0);
                 let ways = spawn(&point, material, offset);
-                for (way, (rays, links)) in ways.into_iter().zip([&mut through, &mut mirrored]) {
-                    if let Some((ray, tint, share)) = way {
-                        rays.push(ray);
-                        links.push(Link {
-                            point: number,
-                            tint,
-                            share,
-                        });
+                for (way, out) in ways.into_iter().zip([&mut through, &mut mirrored]) {
+                    let Some((ray, tint, share)) = way else {
+                        continue;
+                    };
+                    let all = own * share * tint.max();
+                    if all < MIN_SHARE {
+                        continue;
                     }
+                    out.rays.push(ray);
+                    out.shares.push(all);
+                    out.links.push(Link {
+                        point: number,
+                        tint,
+                        share,
+                    });
                 }
             }
         }
-        through.0.append(&mut mirrored.0);
-        through.1.append(&mut mirrored.1);
+        through.rays.append(&mut mirrored.rays);
+        through.links.append(&mut mirrored.links);
+        through.shares.append(&mut mirrored.shares);
         through
     }
 
@@ -133,7 +203,7 @@ impl ShadingPoints {
 }
 
 /// The rays that a surface sends out, through it and mirrored, each with its tint and its share.
-fn spawn(
+pub(crate) fn spawn(
     point: &Interaction<'_>,
     material: &Material,
     offset: f32,

@@ -201,6 +201,11 @@ impl Camera {
         ]
     }
 
+    /// Distance of two pixels' rays at a depth of 1 mm, mm; the smaller one of pixels that are not square.
+    pub(crate) fn pixel_spacing(&self) -> f32 {
+        (1.0 / self.intrinsics[(0, 0)].max(self.intrinsics[(1, 1)])) as f32
+    }
+
     /// What [`Camera::direction`] adds up, for the image's `x`.
     #[inline(always)]
     pub(crate) fn direction_of_column(&self, x: f64) -> [f64; 3] {

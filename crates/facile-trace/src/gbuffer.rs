@@ -3,6 +3,7 @@
 use facile_core::Plane;
 
 use crate::camera::Camera;
+use crate::edges::Edges;
 use crate::interaction::{Interaction, albedo};
 use crate::lanes::LANES;
 use crate::math::{Rgb, Vec3};
@@ -33,6 +34,10 @@ pub struct Truth {
     pub albedo: bool,
     /// [`crate::Rendering::shadow`].
     pub shadow: bool,
+    /// [`GBuffer::coverage`].
+    pub coverage: bool,
+    /// Number of [`GBuffer::layers`], at most [`crate::layers::MAX_LAYERS`].
+    pub layers: u32,
 }
 
 impl Truth {
@@ -46,6 +51,8 @@ impl Truth {
         occlusion: true,
         albedo: true,
         shadow: true,
+        coverage: true,
+        layers: 4,
     };
 }
 
@@ -85,6 +92,19 @@ pub struct GBuffer {
     pub amodal_depth_z: Option<Plane<f32>>,
     /// Diffuse linear RGB of the surface, before any light.
     pub albedo: Option<Plane<[f32; 3]>>,
+    /// Share of each pixel that shows any surface, in `[0, 1]`, in steps of one over [`crate::edges::VISIBLE_SAMPLES`].
+    pub coverage: Option<Plane<f32>>,
+    /// The first surfaces of each pixel, nearest first; empty unless asked for.
+    pub layers: Vec<LayerMaps>,
+}
+
+/// Labels of one surface of each pixel.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LayerMaps {
+    /// [`facile_core::Segment`] ids; 0 where there is no such surface.
+    pub segment: Plane<u8>,
+    /// Depth along the optical axis, mm; infinite where there is no such surface.
+    pub depth_z: Plane<f32>,
 }
 
 /// The samples at the pixels' centres: one entry per pixel that may show anything.
@@ -95,6 +115,10 @@ pub(crate) struct CenterHits<'a> {
     pub(crate) behind: &'a [Hit],
     /// The surfaces at the hits; empty if there are too many to keep.
     pub(crate) surfaces: &'a [SurfaceBlock],
+    /// Hits of each layer but the first.
+    pub(crate) layers: &'a [Vec<Hit>],
+    /// Pixels on borders; only if the coverage is asked for.
+    pub(crate) edges: &'a Edges,
 }
 
 impl GBuffer {
@@ -124,6 +148,16 @@ impl GBuffer {
             .as_ref()
             .filter(|_| truth.normal_in_camera)
             .map(|plane| plane.map(|n| (rotation * Vec3::from(*n)).into()));
+        let layer = |hits: &[Hit]| {
+            let segment = fill.plane(true, hits, 0, |_, h| segment_id(h))?;
+            let depth_z = fill.plane(true, hits, f32::INFINITY, |_, h| h.t)?;
+            Some(LayerMaps { segment, depth_z })
+        };
+        let mut layers = Vec::new();
+        if truth.layers > 0 {
+            let all = std::iter::once(centers.hits).chain(centers.layers.iter().map(|l| &l[..]));
+            layers.extend(all.filter_map(layer));
+        }
         let occlusion = fill.plane(truth.occlusion, centers.behind, 0, |i, _| {
             occlusion_at(scene, &centers.hits[i]) as u8
         });
@@ -136,10 +170,20 @@ impl GBuffer {
             occlusion,
             amodal_segment: fill.plane(truth.occlusion, centers.behind, 0, |_, h| segment_id(h)),
             amodal_depth_z: fill.plane(truth.occlusion, centers.behind, f32::INFINITY, |_, h| h.t),
-            albedo: fill.plane(truth.albedo, centers.hits, [0.0; 3], |_, h| {
-                let color: Rgb = albedo(&scene.objects()[h.object as usize], h);
+            albedo: fill.plane(truth.albedo, centers.hits, [0.0; 3], |i, h| {
+                let color: Rgb = match centers.surfaces.get(i / LANES) {
+                    Some(block) => surface::lane(&block.albedo, i % LANES),
+                    None => albedo(&scene.objects()[h.object as usize], h),
+                };
                 color.into()
             }),
+            coverage: fill
+                .plane(truth.coverage, centers.hits, 0.0, |_, _| 1.0)
+                .map(|mut plane| {
+                    centers.edges.cover(&mut plane);
+                    plane
+                }),
+            layers,
         }
     }
 }

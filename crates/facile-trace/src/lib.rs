@@ -27,12 +27,14 @@ pub mod visibility;
 
 mod bounces;
 mod direct;
+pub mod edges;
 mod error;
 mod footprint;
 mod gbuffer;
 pub mod instructions;
 mod interaction;
 mod lanes;
+pub mod layers;
 pub mod microfacets;
 mod packet;
 mod primary;
@@ -52,7 +54,7 @@ mod whitted;
 
 pub use camera::Camera;
 pub use error::TraceError;
-pub use gbuffer::{GBuffer, Occlusion, Truth};
+pub use gbuffer::{GBuffer, LayerMaps, Occlusion, Truth};
 pub use geometry::{Geometry, Normals};
 pub use head::HeadScene;
 pub use instructions::InstructionSet;

@@ -5,6 +5,7 @@ use facile_core::color::srgb8_from_linear;
 use serde::{Deserialize, Serialize};
 
 use crate::math::Rgb;
+use crate::ray::NO_OBJECT;
 use crate::srgb::srgb8;
 
 /// How many samples a pixel's colour is the mean of. Truth always comes from the pixel's centre.
@@ -36,20 +37,24 @@ impl Default for Samples {
     }
 }
 
-/// Samples of a pixel on the border of an object when sampling is adaptive, and further ones of an uneven pixel.
-pub const BORDER_SAMPLES: u32 = 16;
-
-/// Samples that a pixel gets which differs from its neighbours.
+/// Samples that a pixel gets which does not follow its neighbours.
 pub const FIRST_SAMPLES: u32 = 4;
 
-/// Difference of two neighbours, in steps of 8-bit sRGB, from which both get [`FIRST_SAMPLES`].
-pub const CONTRAST_LIMIT: u8 = 8;
+/// Samples that it gets beside them if those differ.
+pub const MORE_SAMPLES: u32 = 16;
 
-/// Difference of two of the first samples, in steps of 8-bit sRGB, from which their pixel gets [`BORDER_SAMPLES`].
-pub const SPREAD_LIMIT: u8 = 12;
+/// Samples of a pixel with an uneven sharp highlight.
+pub const GLINT_SAMPLES: u32 = 36;
 
-/// Difference of two neighbours after the first samples from which both get [`BORDER_SAMPLES`].
-pub const EDGE_LIMIT: u8 = 24;
+/// Twice the distance of a pixel from the middle of two opposite neighbours, in steps of 8-bit sRGB, from which it gets
+/// [`FIRST_SAMPLES`].
+pub const BEND_LIMIT: i32 = 14;
+
+/// Difference from a neighbour from which it gets them in any case.
+pub const STEP_LIMIT: i32 = 24;
+
+/// Difference of two of a pixel's samples from which it gets more.
+pub const SPREAD_LIMIT: u8 = 10;
 
 /// The golden ratio's fraction: its multiples spread most evenly over the unit interval.
 const GOLDEN: f64 = 0.618_033_988_749_894_9;
@@ -98,38 +103,50 @@ pub(crate) fn is_uneven(samples: &[Rgb]) -> bool {
     (0..3).any(|k| srgb8_from_linear(high[k]) - srgb8_from_linear(low[k]) > SPREAD_LIMIT)
 }
 
-/// Marks every pixel that differs from one of its eight neighbours by more than `limit` in steps of 8-bit sRGB.
-pub(crate) fn uneven_pixels(colors: &Plane<Rgb>, limit: u8) -> Plane<bool> {
+/// The pixels of a list that are bent or stepped against two opposite neighbours, by more than [`BEND_LIMIT`] or
+/// [`STEP_LIMIT`], and those next to another object, where neighbours tell nothing. Even slopes are right as they are: the
+/// centre's colour is their mean. Pixels of [`NO_OBJECT`] are left out.
+pub(crate) fn bent_pixels(
+    colors: &Plane<Rgb>,
+    objects: &Plane<u32>,
+    pixels: &[[u32; 2]],
+) -> Vec<[u32; 2]> {
     let (width, height) = (colors.width(), colors.height());
     let codes = srgb8(colors);
-    let mut marks = Plane::filled(width, height, false);
-    let mut compare = |a: (usize, usize), b: (usize, usize)| {
-        let (p, q) = (codes[a], codes[b]);
-        if (0..3).any(|k| p[k].abs_diff(q[k]) > limit) {
-            marks[a] = true;
-            marks[b] = true;
+    let (codes, objects) = (codes.as_slice(), objects.as_slice());
+    let is_bent = |[x, y]: &[u32; 2]| {
+        let (x, y) = (*x as usize, *y as usize);
+        let at = y * width + x;
+        let object = objects[at];
+        if object == NO_OBJECT {
+            return false;
         }
+        let (is_across, is_along) = (x > 0 && x + 1 < width, y > 0 && y + 1 < height);
+        let ways = [
+            (is_across, 1),
+            (is_along, width),
+            (is_across && is_along, width + 1),
+            (is_across && is_along, width - 1),
+        ];
+        ways.into_iter().any(|(is_inside, step)| {
+            is_inside
+                && (objects[at - step] != object
+                    || objects[at + step] != object
+                    || (0..3).any(|k| {
+                        let [a, b, c] = [at - step, at, at + step].map(|i| i32::from(codes[i][k]));
+                        let (before, after) = (b - a, c - b);
+                        (before - after).abs() > BEND_LIMIT
+                            || before.abs().max(after.abs()) > STEP_LIMIT
+                    }))
+        })
     };
-    for y in 0..height {
-        for x in 0..width {
-            if x + 1 < width {
-                compare((x, y), (x + 1, y));
-            }
-            if y + 1 < height {
-                compare((x, y), (x, y + 1));
-                if x + 1 < width {
-                    compare((x, y), (x + 1, y + 1));
-                    compare((x + 1, y), (x, y + 1));
-                }
-            }
-        }
-    }
-    marks
+    pixels.iter().copied().filter(is_bent).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use facile_core::color::LINEAR_FROM_SRGB8;
 
     #[test]
     fn offsets_cover_the_pixel_evenly() {
@@ -154,19 +171,25 @@ mod tests {
     }
 
     #[test]
-    fn only_borders_are_uneven() {
-        let image = Plane::from_fn(6, 4, |x, _| Rgb::repeat(if x < 3 { 0.2 } else { 0.4 }));
-        let marks = uneven_pixels(&image, CONTRAST_LIMIT);
-        for y in 0..4 {
-            assert_eq!(marks.row(y), &[false, false, true, true, false, false]);
-        }
-        let flat = Plane::filled(6, 4, Rgb::repeat(0.3));
-        assert!(
-            uneven_pixels(&flat, CONTRAST_LIMIT)
-                .as_slice()
-                .iter()
-                .all(|m| !m)
-        );
+    fn steps_are_bent_and_slopes_are_not() {
+        let pixels: Vec<[u32; 2]> = (0..24).map(|i| [i % 6, i / 6]).collect();
+        let bent = |value: &dyn Fn(usize) -> f32, object: &dyn Fn(usize) -> u32| {
+            let code = |x: usize| LINEAR_FROM_SRGB8[value(x) as usize];
+            let image = Plane::from_fn(6, 4, |x, _| Rgb::repeat(code(x)));
+            let objects = Plane::from_fn(6, 4, |x, _| object(x));
+            bent_pixels(&image, &objects, &pixels)
+        };
+        let step = |x: usize| if x < 3 { 100.0 } else { 120.0 };
+        let columns: Vec<u32> = bent(&step, &|_| 0).iter().map(|p| p[0]).collect();
+        assert_eq!(columns, [2, 3, 2, 3, 2, 3, 2, 3]);
+        assert!(bent(&|x| 20.0 * x as f32, &|_| 0).is_empty());
+        // Next to another object neighbours tell nothing
+        let columns: Vec<u32> = bent(&|_| 90.0, &|x| u32::from(x < 3))
+            .iter()
+            .map(|p| p[0])
+            .collect();
+        assert_eq!(columns, [2, 3, 2, 3, 2, 3, 2, 3]);
+        assert!(bent(&step, &|_| NO_OBJECT).is_empty());
     }
 
     #[test]

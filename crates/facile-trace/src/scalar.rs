@@ -1,6 +1,6 @@
 //! Whitted shading of one ray at a time, by recursion: what the batches of [`crate::whitted`] must give bit for bit.
 
-use crate::bounces::BounceParams;
+use crate::bounces::{BounceParams, MIN_SHARE, spawn};
 use crate::interaction::{Interaction, diffuse_weight};
 use crate::light::{AmbientSum, Arrival, Light};
 use crate::material::Material;
@@ -8,7 +8,7 @@ use crate::math::{Rgb, Vec3, power, unit_or};
 use crate::microfacets;
 use crate::ray::Ray;
 use crate::scene::Layer;
-use crate::whitted::{Shader, fresnel, reflect, transmitted};
+use crate::whitted::Shader;
 
 /// The scalar form of a shader and of how rays go on.
 pub(crate) struct Recursion<'a> {
@@ -17,8 +17,8 @@ pub(crate) struct Recursion<'a> {
 }
 
 impl Recursion<'_> {
-    /// Light that comes back along a ray.
-    pub(crate) fn radiance(&self, ray: &Ray, depth: u32) -> Rgb {
+    /// Light that comes back along a ray, `own` of which the sample gets.
+    pub(crate) fn radiance(&self, ray: &Ray, depth: u32, own: f32) -> Rgb {
         let Some(hit) = self.shader.scene.closest_hit(ray, Layer::All) else {
             return self.shader.scene.background;
         };
@@ -32,7 +32,7 @@ impl Recursion<'_> {
             }
         }
         if material.spawns_rays() {
-            self.add_secondary(&point, material, depth, &mut color);
+            self.add_secondary(&point, material, depth, own, &mut color);
         }
         color
     }
@@ -81,26 +81,20 @@ impl Recursion<'_> {
         point: &Interaction<'_>,
         material: &Material,
         depth: u32,
+        own: f32,
         color: &mut Rgb,
     ) {
         if depth >= self.params.max_depth {
             return;
         }
-        let mut reflected_share = fresnel(material.reflectivity, point.normal.dot(&point.view));
-        if let Some(transmission) = &material.transmission {
-            match transmitted(point, transmission) {
-                Some(direction) => {
-                    let origin = point.position - point.flat_normal * self.params.offset;
-                    let behind = self.radiance(&Ray::new(origin, direction), depth + 1);
-                    *color += behind.component_mul(&transmission.tint()) * (1.0 - reflected_share);
-                }
-                None => reflected_share = 1.0,
+        for (ray, tint, share) in spawn(point, material, self.params.offset)
+            .into_iter()
+            .flatten()
+        {
+            let all = own * share * tint.max();
+            if all >= MIN_SHARE {
+                *color += self.radiance(&ray, depth + 1, all).component_mul(&tint) * share;
             }
-        }
-        if reflected_share > 0.0 {
-            let direction = reflect(point.view, point.normal);
-            let origin = point.lifted + point.flat_normal * self.params.offset;
-            *color += self.radiance(&Ray::new(origin, direction), depth + 1) * reflected_share;
         }
     }
 }
@@ -131,7 +125,7 @@ fn highlight(material: &Material, cos_alpha: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bounces::ShadingPoints;
+    use crate::bounces::{ShadingPoints, Spacing};
     use crate::lanes::LANES;
     use crate::light::LightSource;
     use crate::material::Transmission;
@@ -260,7 +254,7 @@ mod tests {
         scene.closest_hits(&rays, Layer::All, &mut hits);
         let directions: Vec<[f32; 3]> = rays.iter().map(|r| r.direction.into()).collect();
         let mut points = ShadingPoints::default();
-        points.find(&scene, &hits, &directions, params);
+        points.find(&scene, &hits, &directions, Spacing::even(0.0), params);
         let mut shaded = Shaded::default();
         shader.shade(&points, Wanted::default(), &mut shaded);
         let recursion = Recursion {
@@ -271,7 +265,7 @@ mod tests {
         let mut spawning = 0;
         for (i, ray) in rays.iter().enumerate() {
             let found = surface::lane(&shaded.colors[i / LANES], i % LANES);
-            let expected = recursion.radiance(ray, 0);
+            let expected = recursion.radiance(ray, 0, 1.0);
             assert_eq!(bits(&found), bits(&expected), "{i}: {found:?} {expected:?}");
             spawning += (points.surfaces[i / LANES].spawns >> (i % LANES)) & 1;
         }

@@ -3,6 +3,7 @@
 //! Vertices are fetched as rows of eight numbers and turned into lanes. The same operations as the scalar
 //! [`crate::interaction`]: each lane gives its bits.
 
+use facile_core::Texture;
 use facile_core::color::LINEAR_FROM_SRGB8;
 
 use crate::interaction::albedo;
@@ -12,6 +13,13 @@ use crate::math::{Rgb, Vec3};
 use crate::object::Object;
 use crate::ray::Hit;
 use crate::scene::Scene;
+
+/// Texels for each ray from which the next level of a texture is taken, as a share of four: at 2 the texels of the level
+/// that is taken are between 0.7 and 1.4 times as far apart as rays.
+const LEVEL_BIAS: f32 = 2.0;
+
+/// The smallest level of any texture.
+const MAX_LEVEL: u32 = 15;
 
 /// Eight surface points. Lanes without a hit hold nothing of use.
 #[derive(Clone, Copy, Debug)]
@@ -42,17 +50,20 @@ pub(crate) struct SurfaceBlock {
     pub(crate) spawns: u32,
 }
 
-/// Appends the surfaces at hits; `directions` are those of the rays that hit, of any length.
+/// Appends the surfaces at hits; `directions` are those of the rays that hit, of any length. Rays are `spacing` mm apart at
+/// a parameter of 1, 0 for rays of no extent: texture that is finer than that is taken from a smaller level.
 pub(crate) fn surfaces(
     scene: &Scene,
     hits: &[Hit],
     directions: &[[f32; 3]],
+    spacing: f32,
     out: &mut Vec<SurfaceBlock>,
 ) {
     run(Surfaces {
         scene,
         hits,
         directions,
+        spacing,
         out,
     });
 }
@@ -61,6 +72,7 @@ struct Surfaces<'a> {
     scene: &'a Scene,
     hits: &'a [Hit],
     directions: &'a [[f32; 3]],
+    spacing: f32,
     out: &'a mut Vec<SurfaceBlock>,
 }
 
@@ -75,7 +87,8 @@ impl Kernel for Surfaces<'_> {
             let found = Found::new(self.scene, hits, directions);
             look.take(&found.materials);
             let corners = found.corners::<L>(self.scene, hits);
-            let albedo = found.albedo::<L>(&corners, &look, self.scene, hits, table);
+            let levels = found.levels::<L>(&corners, &look, hits, self.spacing);
+            let albedo = found.albedo::<L>(&corners, &look, levels, self.scene, hits, table);
             let block = found.surface::<L>(&corners, &look, albedo);
             self.out.push(block);
         }
@@ -95,6 +108,8 @@ struct Look<'a> {
     tint: [Eight; 3],
     /// Columns and rows of the texture, 1 without one.
     size: [Eight; 2],
+    /// Whether no lane has a texture of several texels.
+    is_plain: bool,
     /// Lanes that let light pass.
     transparent: u32,
     /// Lanes that send out rays of their own.
@@ -113,9 +128,11 @@ impl<'a> Look<'a> {
             if !self.of_all.is_some_and(|m| std::ptr::eq(m, *first)) {
                 (0..LANES).for_each(|lane| self.set(lane, first));
                 self.of_all = Some(first);
+                self.is_plain = texture_of(first).is_none();
             }
             return;
         }
+        self.is_plain = false;
         self.of_all = None;
         for (lane, material) in materials.iter().enumerate() {
             if let Some(material) = material {
@@ -252,19 +269,66 @@ impl<'a> Found<'a> {
         }
     }
 
+    /// The levels of the textures whose texels are about as far apart as rays `spacing` mm apart at a parameter of 1.
+    #[inline(always)]
+    fn levels<L: Lanes>(
+        &self,
+        corners: &Corners<L>,
+        look: &Look<'_>,
+        hits: &[Hit],
+        spacing: f32,
+    ) -> [u8; LANES] {
+        let mut levels = [0; LANES];
+        if spacing <= 0.0 || look.is_plain {
+            return levels;
+        }
+        let mut depth = Eight::default();
+        for lane in lanes_of(self.hit) {
+            depth.0[lane] = hits[lane].t;
+        }
+        // Texels of the triangle over its area in the world, times that of a ray
+        let [a, b, c] = &corners.texcoords;
+        let in_texels = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
+        let texels = in_texels * L::load(&look.size[0]) * L::load(&look.size[1]);
+        let [a, b, c] = corners.positions;
+        let area_vector = (b - a).cross(c - a);
+        let area = area_vector.dot(area_vector).sqrt();
+        let apart = L::load(&depth) * L::splat(spacing);
+        let zero = L::splat(0.0);
+        let share = texels.max(zero - texels) * apart * apart / area;
+        let share = (share * L::splat(LEVEL_BIAS)).store();
+        for lane in lanes_of(self.hit) {
+            // Half of the binary logarithm, rounded down
+            let exponent = (share.0[lane].to_bits() >> 23).saturating_sub(127);
+            levels[lane] = (exponent / 2).min(MAX_LEVEL) as u8;
+        }
+        levels
+    }
+
     /// The diffuse colours, as [`facile_core::Texture::sample`] gives them.
     #[inline(always)]
     fn albedo<L: Lanes>(
         &self,
         corners: &Corners<L>,
         look: &Look<'_>,
+        levels: [u8; LANES],
         scene: &Scene,
         hits: &[Hit],
         table: &[f32; 256],
     ) -> V3<L> {
+        let mut size = look.size;
+        for lane in 0..LANES {
+            if levels[lane] > 0
+                && let Some(texture) = self.materials[lane].and_then(texture_of)
+            {
+                let texture = texture.level(usize::from(levels[lane]));
+                size[0].0[lane] = texture.width() as f32;
+                size[1].0[lane] = texture.height() as f32;
+            }
+        }
         // Find the texels around each point
         let (one, half) = (L::splat(1.0), L::splat(0.5));
-        let (width, height) = (L::load(&look.size[0]), L::load(&look.size[1]));
+        let (width, height) = (L::load(&size[0]), L::load(&size[1]));
         let x = corners.texcoord(0) * width - half;
         let y = (one - corners.texcoord(1)) * height - half;
         let (x0, x1, fx) = neighbours(x, width);
@@ -275,6 +339,7 @@ impl<'a> Found<'a> {
             let Some(material) = material else { continue };
             let found = match &material.albedo {
                 Albedo::Texture { texture, .. } => {
+                    let texture = texture.level(usize::from(levels[lane]));
                     let (all, width) = (texture.texels(), texture.width());
                     let (top, bottom) = (y0[lane] as usize * width, y1[lane] as usize * width);
                     let (left, right) = (x0[lane] as usize, x1[lane] as usize);
@@ -368,6 +433,13 @@ impl<L: Lanes> Corners<L> {
     }
 }
 
+fn texture_of(material: &Material) -> Option<&Texture> {
+    match &material.albedo {
+        Albedo::Texture { texture, .. } => Some(texture),
+        Albedo::Constant(_) | Albedo::VertexColor => None,
+    }
+}
+
 /// A row of [`crate::geometry::Geometry::vertex_rows`], moved to the world.
 fn row_in_world(object: &Object, row: &[f32; LANES]) -> Eight {
     let [x, y, z, nx, ny, nz, ..] = *row;
@@ -454,7 +526,7 @@ mod tests {
     use crate::math::Pose;
     use crate::ray::Ray;
     use crate::{Layer, Normals};
-    use facile_core::{Mesh, Point3, Texture};
+    use facile_core::{Mesh, Point3};
     use std::sync::Arc;
 
     #[test]
@@ -503,7 +575,7 @@ mod tests {
         scene.closest_hits(&rays, Layer::All, &mut hits);
         let directions: Vec<[f32; 3]> = rays.iter().map(|r| r.direction.into()).collect();
         let mut blocks = Vec::new();
-        surfaces(&scene, &hits, &directions, &mut blocks);
+        surfaces(&scene, &hits, &directions, 0.0, &mut blocks);
         let mut compared = 0;
         for (i, (ray, hit)) in rays.iter().zip(&hits).enumerate() {
             let (block, k) = (&blocks[i / LANES], i % LANES);

@@ -3,24 +3,27 @@
 //! [`trace_view`] shoots the primary rays and fills the labels; [`View::shade`] lights what they hit. One view serves any
 //! number of light settings. Only pixels inside the projected bounds of the scene are traced.
 
+use std::borrow::Cow;
 use std::cell::Cell;
+use std::collections::BTreeSet;
 use std::time::{Duration, Instant};
 
 use facile_core::Plane;
 
 use crate::TraceError;
-use crate::bounces::{BounceParams, ShadingPoints};
+use crate::bounces::{BounceParams, ShadingPoints, Spacing};
 use crate::camera::Camera;
+use crate::edges::{self, Edges};
 use crate::gbuffer::{CenterHits, GBuffer, Truth};
 use crate::lanes::LANES;
+use crate::layers;
 use crate::light::{Light, LightSource};
 use crate::math::Rgb;
 use crate::object::Object;
 use crate::primary::{self, Method, PixelHits, pixels_in_blocks, sample_px, trace_samples};
-use crate::ray::Hit;
+use crate::ray::{Hit, NO_OBJECT};
 use crate::sampling::{
-    BORDER_SAMPLES, CONTRAST_LIMIT, EDGE_LIMIT, FIRST_SAMPLES, Samples, is_uneven, sample_offsets,
-    uneven_pixels,
+    FIRST_SAMPLES, GLINT_SAMPLES, MORE_SAMPLES, Samples, bent_pixels, is_uneven, sample_offsets,
 };
 use crate::scene::{Layer, Scene};
 use crate::scratch;
@@ -57,6 +60,9 @@ impl Default for RenderSettings {
 /// Offset of a pixel's centre.
 const CENTER: [f64; 2] = [0.5; 2];
 
+/// Distance of the shaded rays of a pixel on a border, px.
+const EDGE_SPACING: f32 = 0.25;
+
 /// Samples that are shaded together: bounds the buffers. Many at once are cheaper, since each light sorts its rays.
 const BATCH: usize = 1 << 16;
 
@@ -72,11 +78,13 @@ pub struct View {
     bounds: Option<[usize; 4]>,
     /// What the pixels' centres see.
     centers: PixelHits,
-    /// The surfaces there and in their mirrors; none if there are more than [`MAX_KEPT_SURFACES`].
+    /// Pixels on the borders of objects, if sampling is adaptive.
+    edges: Edges,
+    /// The surfaces of centres and edges, and in their mirrors; none if there are more than [`MAX_KEPT_SURFACES`].
     points: Option<ShadingPoints>,
     /// Skin under which light spreads.
     skin: Option<Skin>,
-    /// Pixels with several samples: all of them, or those on the borders of objects.
+    /// Pixels with a fixed number of samples above 1.
     dense_pixels: Vec<[u32; 2]>,
     dense_hits: Vec<Hit>,
     /// Labels.
@@ -135,10 +143,39 @@ pub fn trace_view(
     if settings.truth.occlusion {
         behind = trace_behind(scene, camera, &centers);
     }
-    let points = (centers.hits.len() <= MAX_KEPT_SURFACES).then(|| {
-        let directions = center_directions(camera, &centers.pixels);
+    let mut edges = Edges::default();
+    let is_adaptive = matches!(settings.samples, Samples::Adaptive(_));
+    if is_adaptive || settings.truth.coverage {
+        let pixels = border_pixels(scene, camera, bounds, &centers);
+        edges = Edges::find(scene, camera, pixels);
+    }
+    let covering = if is_adaptive {
+        edges.clone()
+    } else {
+        // The image does without them
+        std::mem::take(&mut edges)
+    };
+    let layers = layers::behind(scene, camera, &centers, settings.truth.layers);
+    let points = (centers.hits.len() + edges.hits.len() <= MAX_KEPT_SURFACES).then(|| {
+        let mut directions = center_directions(camera, &centers.pixels);
+        let mut hits = Cow::Borrowed(&centers.hits[..]);
+        let from = first_edge(&centers);
+        if !edges.hits.is_empty() {
+            hits.to_mut().resize(from, Hit::MISS);
+            hits.to_mut().extend_from_slice(&edges.hits);
+            directions.resize(from, [1.0; 3]);
+            directions.extend(edges.places.iter().map(|px| camera.direction(*px)));
+        }
         let mut points = ShadingPoints::default();
-        points.find(scene, &centers.hits, &directions, settings.bounces());
+        let pixel = camera.pixel_spacing();
+        let mm = [pixel, pixel * EDGE_SPACING];
+        points.find(
+            scene,
+            &hits,
+            &directions,
+            Spacing { from, mm },
+            settings.bounces(),
+        );
         points
     });
     let found = CenterHits {
@@ -146,6 +183,8 @@ pub fn trace_view(
         hits: &centers.hits,
         behind: &behind,
         surfaces: points.as_ref().map_or(&[], |p| &p.surfaces[..]),
+        layers: &layers,
+        edges: &covering,
     };
     let gbuffer = GBuffer::new(scene, camera, settings.truth, &found);
     let mut view = View {
@@ -154,24 +193,20 @@ pub fn trace_view(
         bounds,
         skin: Skin::new(camera, skin_pixels(scene, &centers)),
         centers,
+        edges,
         points,
         dense_pixels: Vec::new(),
         dense_hits: Vec::new(),
         gbuffer,
         primary_time: Duration::ZERO,
     };
-    let offsets = view.dense_offsets();
-    if offsets.len() > 1 {
-        view.dense_pixels = match settings.samples {
-            Samples::Count(_) => view.bounds.map_or_else(Vec::new, pixels_in_blocks),
-            Samples::Adaptive(_) => view.border_pixels(),
-        };
-        let dense = &view.dense_pixels;
+    if let Samples::Count(count @ 2..) = settings.samples {
+        view.dense_pixels = view.bounds.map_or_else(Vec::new, pixels_in_blocks);
         trace_samples(
             scene,
             camera,
-            dense,
-            &offsets,
+            &view.dense_pixels,
+            &sample_offsets(count),
             Layer::All,
             &mut view.dense_hits,
         );
@@ -187,6 +222,11 @@ impl RenderSettings {
             offset: self.offset_mm,
         }
     }
+}
+
+/// Number of the first sample of an edge among the shading points: those of centres fill whole blocks.
+fn first_edge(centers: &PixelHits) -> usize {
+    centers.hits.len().next_multiple_of(LANES)
 }
 
 /// The pixels under whose surface light spreads.
@@ -220,6 +260,13 @@ fn check(settings: &RenderSettings) -> Result<(), TraceError> {
             got: count.to_string(),
         });
     }
+    if settings.truth.layers > layers::MAX_LAYERS {
+        return Err(TraceError::Setting {
+            name: "layers",
+            expected: "at most 16",
+            got: settings.truth.layers.to_string(),
+        });
+    }
     if !(settings.offset_mm >= 0.0 && settings.offset_mm.is_finite()) {
         return Err(TraceError::Setting {
             name: "offset_mm",
@@ -228,6 +275,49 @@ fn check(settings: &RenderSettings) -> Result<(), TraceError> {
         });
     }
     Ok(())
+}
+
+/// A value for each pixel whose centre shows something.
+fn plane_of<T: Clone>(
+    camera: &Camera,
+    centers: &PixelHits,
+    empty: T,
+    value: impl Fn(usize) -> T,
+) -> Plane<T> {
+    let mut plane = Plane::filled(camera.width(), camera.height(), empty);
+    for (i, [x, y]) in centers.pixels.iter().enumerate() {
+        plane[(*x as usize, *y as usize)] = value(i);
+    }
+    plane
+}
+
+/// Pixels next to another object or to nothing, including those just outside the bounds of what was hit, and pixels with
+/// sharp highlights.
+fn border_pixels(
+    scene: &Scene,
+    camera: &Camera,
+    bounds: Option<[usize; 4]>,
+    centers: &PixelHits,
+) -> Vec<[u32; 2]> {
+    // A number that is no object's makes its neighbours differ
+    let glossy = NO_OBJECT - 1;
+    let objects = plane_of(camera, centers, NO_OBJECT, |i| {
+        let hit = &centers.hits[i];
+        if edges::is_glossy(scene, hit) {
+            glossy
+        } else {
+            hit.object
+        }
+    });
+    let differs = |[x, y]: &[u32; 2]| {
+        let (x, y) = (*x as usize, *y as usize);
+        let own = objects[(x, y)];
+        let columns = x.saturating_sub(1)..(x + 2).min(objects.width());
+        let mut rows = y.saturating_sub(1)..(y + 2).min(objects.height());
+        own == glossy || rows.any(|v| objects.row(v)[columns.clone()].iter().any(|o| *o != own))
+    };
+    let pixels = bounds.map_or_else(Vec::new, pixels_in_blocks);
+    pixels.into_iter().filter(differs).collect()
 }
 
 /// The hits without occluders: only pixels that show an occluder are traced anew.
@@ -262,37 +352,11 @@ impl View {
 
     /// Number of primary rays that were traced.
     pub fn primary_rays(&self) -> usize {
-        self.centers.hits.len() + self.dense_hits.len()
-    }
-
-    /// Where the samples of pixels with several lie.
-    fn dense_offsets(&self) -> Vec<[f64; 2]> {
-        match self.settings.samples {
-            Samples::Count(count) => sample_offsets(count),
-            Samples::Adaptive(_) => sample_offsets(BORDER_SAMPLES),
-        }
-    }
-
-    /// Pixels next to another object or to nothing, including those just outside the bounds of what was hit.
-    fn border_pixels(&self) -> Vec<[u32; 2]> {
-        let objects = self.plane_of(u32::MAX, |i| self.centers.hits[i].object);
-        let differs = |[x, y]: &[u32; 2]| {
-            let (x, y) = (*x as usize, *y as usize);
-            let own = objects[(x, y)];
-            let columns = x.saturating_sub(1)..(x + 2).min(objects.width());
-            let mut rows = y.saturating_sub(1)..(y + 2).min(objects.height());
-            rows.any(|v| objects.row(v)[columns.clone()].iter().any(|o| *o != own))
-        };
-        let pixels = self.bounds.map_or_else(Vec::new, pixels_in_blocks);
-        pixels.into_iter().filter(differs).collect()
+        self.centers.hits.len() + self.edges.rays + self.dense_hits.len()
     }
 
     fn plane_of<T: Clone>(&self, empty: T, value: impl Fn(usize) -> T) -> Plane<T> {
-        let mut plane = Plane::filled(self.camera.width(), self.camera.height(), empty);
-        for (i, [x, y]) in self.centers.pixels.iter().enumerate() {
-            plane[(*x as usize, *y as usize)] = value(i);
-        }
-        plane
+        plane_of(&self.camera, &self.centers, empty, value)
     }
 
     /// Lights the view. `scene` is the one that was traced, unchanged. Ambient light is summed, every directed light
@@ -322,7 +386,7 @@ impl View {
         let (width, height) = (self.camera.width(), self.camera.height());
         let mut color = Plane::filled(width, height, shader.scene.background);
         let mut shadow = None;
-        let mut spread = Vec::new();
+        let (mut spread, mut uneven_edges) = (Vec::new(), UnevenEdges::default());
         let is_dense = matches!(self.settings.samples, Samples::Count(2..));
         if !is_dense || self.settings.truth.shadow || self.skin.is_some() {
             let mut lit = self.shade_centers(shader, scratch);
@@ -332,6 +396,7 @@ impl View {
             if self.settings.truth.shadow {
                 shadow = Some(self.plane_of(1.0, |i| lit.shadow[i]));
             }
+            uneven_edges = self.resolve_edges(&lit.edges, &mut color);
             spread = lit.spread;
         }
         let (centers, centers_shadow) = (start.elapsed(), scratch.shaded.shadow_time);
@@ -339,13 +404,13 @@ impl View {
             Samples::Count(1) => {}
             Samples::Count(count) => {
                 let (pixels, hits) = (&self.dense_pixels, &self.dense_hits);
-                let offsets = self.dense_offsets();
+                let offsets = sample_offsets(count);
                 let samples = (&pixels[..], &hits[..], &offsets[..]);
                 self.for_each_pixel(shader, scratch, samples, |pixel, samples| {
                     color[pixel] = sum(samples) / count as f32;
                 });
             }
-            Samples::Adaptive(_) => self.refine(&mut color, shader, scratch),
+            Samples::Adaptive(_) => self.refine(&mut color, &uneven_edges, shader, scratch),
         }
         for (pixel, added) in spread {
             let own = &mut color[pixel];
@@ -402,16 +467,29 @@ impl View {
                 );
             }
         };
+        let edges = &self.edges.hits;
         if let Some(points) = &self.points {
             shader.shade(points, wanted, &mut scratch.shaded);
             take(points, &scratch.shaded, hits.len());
+            let of = |k: usize| surface::lane(&scratch.shaded.colors[k / LANES], k % LANES);
+            let from = first_edge(&self.centers);
+            lit.edges.extend((from..from + edges.len()).map(of));
         } else {
             let direction = |i: usize| {
                 self.camera
                     .direction(sample_px(self.centers.pixels[i], CENTER))
             };
             let bounces = self.settings.bounces();
-            scratch.for_each_batch(shader, hits, direction, bounces, wanted, take);
+            let spacing = self.camera.pixel_spacing();
+            scratch.for_each_batch(shader, hits, direction, (spacing, bounces), wanted, take);
+            let direction = |i: usize| self.camera.direction(self.edges.places[i]);
+            let take = |_: &ShadingPoints, shaded: &Shaded, count: usize| {
+                let of = |k: usize| surface::lane(&shaded.colors[k / LANES], k % LANES);
+                lit.edges.extend((0..count).map(of));
+            };
+            let wanted = Wanted::default();
+            let spacing = spacing * EDGE_SPACING;
+            scratch.for_each_batch(shader, edges, direction, (spacing, bounces), wanted, take);
         }
         if let Some(skin) = &self.skin {
             let added = skin.spread(&irradiance).into_iter().zip(skin.pixels());
@@ -424,12 +502,47 @@ impl View {
         lit
     }
 
-    /// Takes many samples on the borders of objects, a few where the pixels' centres show a difference, and more where
-    /// those still do.
-    fn refine(&self, color: &mut Plane<Rgb>, shader: &Shader<'_>, scratch: &mut BatchScratch) {
+    /// Mixes what the pixels on the borders of objects show, and returns those where the few samples of an object differ.
+    fn resolve_edges(&self, samples: &[Rgb], color: &mut Plane<Rgb>) -> UnevenEdges {
+        let mut uneven = UnevenEdges::default();
+        let mut rest = samples;
+        for part in &self.edges.parts {
+            let (own, others) = rest.split_at(part.samples as usize);
+            rest = others;
+            let sum = sum(own);
+            if is_uneven(own) {
+                let list = if part.is_glossy {
+                    &mut uneven.glossy
+                } else {
+                    &mut uneven.rough
+                };
+                list.push(part.pixel);
+            }
+            let own = &mut color[(part.pixel[0] as usize, part.pixel[1] as usize)];
+            if part.is_first {
+                *own = Rgb::zeros();
+            }
+            *own += sum * (part.share / part.samples as f32);
+        }
+        // Glossy parts get more samples than others of their pixel
+        uneven.rough.dedup();
+        uneven.glossy.dedup();
+        let glossy: BTreeSet<[u32; 2]> = uneven.glossy.iter().copied().collect();
+        uneven.rough.retain(|pixel| !glossy.contains(pixel));
+        uneven
+    }
+
+    /// Takes a few samples where the pixels' centres do not follow their neighbours, and more where those differ.
+    fn refine(
+        &self,
+        color: &mut Plane<Rgb>,
+        uneven_edges: &UnevenEdges,
+        shader: &Shader<'_>,
+        scratch: &mut BatchScratch,
+    ) {
         let (few, more) = (
             &sample_offsets(FIRST_SAMPLES),
-            &sample_offsets(BORDER_SAMPLES),
+            &sample_offsets(MORE_SAMPLES),
         );
         let trace = |pixels: &[[u32; 2]], offsets: &[[f64; 2]]| {
             let mut hits = Vec::new();
@@ -443,40 +556,45 @@ impl View {
             );
             hits
         };
-        let samples = (&self.dense_pixels[..], &self.dense_hits[..], &more[..]);
-        self.for_each_pixel(shader, scratch, samples, |pixel, samples| {
-            color[pixel] = sum(samples) / more.len() as f32;
-        });
-        // Take a few samples where neighbours differ
-        let mut marks = uneven_pixels(color, CONTRAST_LIMIT);
-        for [x, y] in &self.dense_pixels {
-            marks[(*x as usize, *y as usize)] = false;
+        // Take a few samples where a pixel does not lie between its neighbours on the same object
+        let mut objects = self.plane_of(NO_OBJECT, |i| self.centers.hits[i].object);
+        for part in &self.edges.parts {
+            objects[(part.pixel[0] as usize, part.pixel[1] as usize)] = NO_OBJECT;
         }
-        let mut uneven = self.bounds.map_or_else(Vec::new, pixels_in_blocks);
-        uneven.retain(|[x, y]| marks[(*x as usize, *y as usize)]);
+        let uneven = bent_pixels(color, &objects, &self.centers.pixels);
         let hits = trace(&uneven, few);
         let mut firsts = Vec::with_capacity(uneven.len());
         self.for_each_pixel(shader, scratch, (&uneven, &hits, few), |pixel, samples| {
             let sum = sum(samples);
             color[pixel] = sum / few.len() as f32;
-            firsts.push((pixel, sum, is_uneven(samples)));
+            if is_uneven(samples) {
+                firsts.push((pixel, sum));
+            }
         });
-        // Take the rest where those differ, or their pixels do
-        let marks = uneven_pixels(color, EDGE_LIMIT);
-        firsts.retain(|(pixel, _, is_uneven)| *is_uneven || marks[*pixel]);
+        // Take the rest where those differ, and where the samples of a border do
         let pixel = |(x, y): (usize, usize)| [x as u32, y as u32];
-        let unsettled: Vec<[u32; 2]> = firsts.iter().map(|(at, ..)| pixel(*at)).collect();
+        let mut unsettled: Vec<[u32; 2]> = firsts.iter().map(|(at, _)| pixel(*at)).collect();
+        unsettled.extend_from_slice(&uneven_edges.rough);
         let hits = trace(&unsettled, more);
         let mut firsts = firsts.iter();
+        let all = (few.len() + more.len()) as f32;
         self.for_each_pixel(
             shader,
             scratch,
             (&unsettled, &hits, more),
             |pixel, samples| {
-                let first = firsts.next().map_or_else(Rgb::zeros, |(_, sum, _)| *sum);
-                color[pixel] = (first + sum(samples)) / (few.len() + more.len()) as f32;
+                color[pixel] = match firsts.next() {
+                    Some((_, first)) => (first + sum(samples)) / all,
+                    None => sum(samples) / more.len() as f32,
+                };
             },
         );
+        let many = &sample_offsets(GLINT_SAMPLES);
+        let glints = &uneven_edges.glossy;
+        let hits = trace(glints, many);
+        self.for_each_pixel(shader, scratch, (glints, &hits, many), |pixel, samples| {
+            color[pixel] = sum(samples) / many.len() as f32;
+        });
     }
 
     /// Shades the samples of each pixel, given as pixels, hits and offsets, and calls `visit` with their colours.
@@ -495,6 +613,7 @@ impl View {
         let mut pixels = pixels.iter();
         let mut samples = Vec::with_capacity(count);
         let bounces = self.settings.bounces();
+        let spacing = self.camera.pixel_spacing() / (count as f32).sqrt();
         let take = |_: &ShadingPoints, shaded: &Shaded, in_batch: usize| {
             for k in 0..in_batch {
                 samples.push(surface::lane(&shaded.colors[k / LANES], k % LANES));
@@ -506,14 +625,24 @@ impl View {
                 }
             }
         };
-        scratch.for_each_batch(shader, hits, direction, bounces, Wanted::default(), take);
+        let wanted = Wanted::default();
+        scratch.for_each_batch(shader, hits, direction, (spacing, bounces), wanted, take);
     }
+}
+
+/// Pixels on borders where the few samples of an object differ.
+#[derive(Default)]
+struct UnevenEdges {
+    rough: Vec<[u32; 2]>,
+    glossy: Vec<[u32; 2]>,
 }
 
 /// What the pixels' centres show.
 #[derive(Default)]
 struct LitCenters {
     colors: Vec<Rgb>,
+    /// Of the samples of [`Edges`].
+    edges: Vec<Rgb>,
     /// Share of directed light that arrives; empty unless asked for.
     shadow: Vec<f32>,
     /// What pixels gain or lose by light that spreads under the skin.
@@ -550,7 +679,7 @@ impl BatchScratch {
         shader: &Shader<'_>,
         hits: &[Hit],
         direction: impl Fn(usize) -> [f32; 3],
-        bounces: BounceParams,
+        (spacing, bounces): (f32, BounceParams),
         wanted: Wanted,
         mut take: impl FnMut(&ShadingPoints, &Shaded, usize),
     ) {
@@ -559,8 +688,13 @@ impl BatchScratch {
             self.directions.clear();
             self.directions.extend((start..end).map(&direction));
             let hits = &hits[start..end];
-            self.points
-                .find(shader.scene, hits, &self.directions, bounces);
+            self.points.find(
+                shader.scene,
+                hits,
+                &self.directions,
+                Spacing::even(spacing),
+                bounces,
+            );
             shader.shade(&self.points, wanted, &mut self.shaded);
             take(&self.points, &self.shaded, hits.len());
         }

@@ -2,9 +2,10 @@
 
 mod common;
 
-use common::{camera_at, icosphere, light, render, scene_of, settings, square};
+use common::{camera_at, icosphere, light, render, scene_of, settings, soup, square, wall};
 use facile_core::{Point3, Segment, Vector3};
 use facile_trace::math::Rgb;
+use facile_trace::triangle::{RayShear, intersect};
 use facile_trace::{Camera, Material, Normals, Object, Occlusion, Samples, Truth, trace_view};
 
 #[test]
@@ -120,4 +121,92 @@ fn what_is_not_asked_for_is_not_there_and_changes_nothing() {
         })
         .into();
     assert_eq!(images[0], images[1]);
+}
+
+#[test]
+fn layers_are_all_surfaces_of_a_ray_in_order() {
+    let mesh = soup(400, 12);
+    let scene = scene_of(&mesh, Normals::Flat, [0.5; 3]);
+    let camera = camera_at(600.0, 32, 0.3);
+    let (view, _) = render(&scene, &camera, &[]);
+    let layers = &view.gbuffer.layers;
+    assert_eq!(layers.len(), 4);
+    assert_eq!(Some(&layers[0].depth_z), view.gbuffer.depth_z.as_ref());
+    assert_eq!(Some(&layers[0].segment), view.gbuffer.segment.as_ref());
+    let mut deep = 0;
+    for (y, x) in (0..32).flat_map(|y| (0..32).map(move |x| (y, x))) {
+        // Brute force: every triangle that the ray meets
+        let ray = camera.ray([x as f64 + 0.5, y as f64 + 0.5]);
+        let shear = RayShear::new(ray.direction);
+        let mut all: Vec<f32> = mesh
+            .triangles
+            .iter()
+            .filter_map(|t| {
+                let corners = t.map(|v| mesh.positions[v as usize].coords.cast());
+                intersect(&ray, &shear, &corners).map(|(t, ..)| t)
+            })
+            .collect();
+        all.sort_by(f32::total_cmp);
+        all.dedup();
+        for (k, layer) in layers.iter().enumerate() {
+            let expected = all.get(k).copied().unwrap_or(f32::INFINITY);
+            assert_eq!(layer.depth_z[(x, y)], expected, "{x} {y} {k}");
+        }
+        deep += usize::from(all.len() > 3);
+    }
+    assert!(deep > 50, "{deep}");
+}
+
+#[test]
+fn the_second_layer_is_the_face_behind_the_glasses() {
+    let camera = camera_at(600.0, 60, 0.3);
+    let mut ball = icosphere(60.0, 3);
+    ball.segments = vec![Segment::Skin; ball.triangles.len()];
+    let mut scene = scene_of(&ball, Normals::Smooth, [0.5; 3]);
+    let (bare, _) = render(&scene, &camera, &[]);
+    let lens = square(
+        Point3::new(0.0, 0.0, 100.0),
+        Vector3::x(),
+        Vector3::y(),
+        25.0,
+    );
+    let glass = Material::thin_glass(Rgb::repeat(0.5));
+    scene.add(
+        Object::new(&lens, Normals::Flat, glass)
+            .expect("valid")
+            .as_occluder(),
+    );
+    let (view, _) = render(&scene, &camera, &[]);
+    let bare = bare.gbuffer.depth_z.expect("asked for");
+    let [first, second] = [&view.gbuffer.layers[0], &view.gbuffer.layers[1]];
+    let mut covered = 0;
+    for i in 0..60 * 60 {
+        let [first, second, bare] =
+            [&first.depth_z, &second.depth_z, &bare].map(|plane| plane.as_slice()[i]);
+        if first < bare {
+            assert_eq!(second, bare, "{i}");
+            covered += 1;
+        } else {
+            assert_eq!(first, bare, "{i}");
+        }
+    }
+    assert!(covered > 200, "{covered}");
+}
+
+#[test]
+fn coverage_is_the_area_of_the_outline() {
+    let scene = scene_of(&wall(0.0, 60.0), Normals::Flat, [0.5; 3]);
+    let camera = camera_at(600.0, 61, 0.3);
+    for samples in [Samples::Count(1), Samples::ADAPTIVE] {
+        let truth = Truth {
+            coverage: true,
+            ..Truth::default()
+        };
+        let view = trace_view(&scene, &camera, &settings(samples, truth)).expect("valid");
+        let coverage = view.gbuffer.coverage.expect("asked for");
+        let found: f64 = coverage.as_slice().iter().map(|v| f64::from(*v)).sum();
+        let side = 120.0 / 600.0 / (2.0 * 0.15_f64.tan()) * 61.0;
+        assert!((found / (side * side) - 1.0).abs() < 3e-3, "{found} {side}");
+        assert!(coverage.as_slice().iter().any(|v| *v > 0.05 && *v < 0.95));
+    }
 }

@@ -106,6 +106,8 @@ fn every_instruction_set_gives_the_same_bytes() {
                 view.gbuffer.depth_z,
                 view.gbuffer.normal_in_world,
                 view.gbuffer.hit,
+                view.gbuffer.layers,
+                view.gbuffer.coverage,
             );
             (
                 rendering.color.map(bits),

@@ -58,7 +58,8 @@ class Sample(_Required, total=False):
     """An image with its record and the maps that the recipe asks for.
 
     ``image`` is ``(h, w, 3)`` sRGB. ``segments``, ``visibility`` and ``occlusion`` are ``(h, w)``; ``depth_mm`` is
-    ``(h, w)``, infinite where nothing is; ``normals`` is ``(h, w, 3)`` in the camera's axes, zero where nothing is.
+    ``(h, w)``, infinite where nothing is; ``amodal`` and ``coverage`` are ``(h, w)``; ``layers`` and ``layer_depth_mm`` are
+    ``(4, h, w)``, the nearest surface first; ``normals`` is ``(h, w, 3)`` in the camera's axes, zero where nothing is.
     """
 
     segments: NDArray[np.uint8]
@@ -66,6 +67,10 @@ class Sample(_Required, total=False):
     normals: NDArray[np.float32]
     visibility: NDArray[np.uint8]
     occlusion: NDArray[np.uint8]
+    amodal: NDArray[np.uint8]
+    coverage: NDArray[np.uint8]
+    layers: NDArray[np.uint8]
+    layer_depth_mm: NDArray[np.float32]
 
 @final
 class Dataset:

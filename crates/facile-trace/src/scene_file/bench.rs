@@ -19,7 +19,7 @@ const MOTION_MM: f64 = 0.2;
 /// One way to render the scene.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct BenchRow {
-    /// What was done: `frame`, `labels`, `moved`, `relight` or `amodal`.
+    /// What was done: `frame`, `labels`, `moved`, `relight` or `layers`: four of them, and amodal masks.
     pub variant: &'static str,
     /// Samples per pixel, a number or `adaptive`.
     pub samples: Samples,
@@ -58,6 +58,7 @@ pub fn bench_scene_file(
     };
     let amodal = Truth {
         occlusion: true,
+        layers: 4,
         ..labels
     };
     let one = Samples::Count(1);
@@ -67,7 +68,7 @@ pub fn bench_scene_file(
     }
     rows.push(bench.frames("frame", one, Truth::default(), false)?);
     rows.push(bench.frames("moved", one, labels, true)?);
-    rows.push(bench.frames("amodal", one, amodal, false)?);
+    rows.push(bench.frames("layers", one, amodal, false)?);
     rows.push(bench.relights()?);
     for samples in [4, 9, 16, 36, 64] {
         rows.push(bench.frames("frame", Samples::Count(samples), Truth::default(), false)?);

@@ -72,6 +72,11 @@ pub enum TruthMap {
     Albedo,
     /// `shadow.png`: 8-bit share of directed light.
     Shadow,
+    /// `coverage.png`: 8-bit share of the pixel that shows any surface.
+    Coverage,
+    /// `layers.png` and `layer_depth.png`: segments and depths of the first four surfaces of each pixel, as those of the
+    /// first; four images one below the other, the nearest surface on top.
+    Layers,
 }
 
 /// `[image]`.
@@ -258,6 +263,8 @@ impl SceneFile {
             occlusion: wants(TruthMap::Occlusion),
             albedo: wants(TruthMap::Albedo),
             shadow: wants(TruthMap::Shadow),
+            coverage: wants(TruthMap::Coverage),
+            layers: if wants(TruthMap::Layers) { 4 } else { 0 },
             ..Truth::default()
         }
     }

@@ -11,7 +11,7 @@ use facile_core::{Plane, Point3, Texture};
 use super::load::load_mesh;
 use super::{MeshSection, SceneFile, Spread, TimingReport};
 use crate::TraceError;
-use crate::gbuffer::GBuffer;
+use crate::gbuffer::{GBuffer, LayerMaps};
 use crate::geometry::Normals;
 use crate::material::{Albedo, Material, Transmission};
 use crate::math::Rgb;
@@ -220,9 +220,24 @@ fn write_maps(out_dir: &Path, view: &View, rendering: &Rendering) -> Result<(), 
     let to = |name: &str| out_dir.join(name);
     let mut depth_steps_per_mm = None;
     if let Some(depth_z) = &maps.depth_z {
-        let steps = depth_steps(depth_z);
+        // All layers in the same steps
+        let all = maps.layers.iter().map(|l| &l.depth_z).chain([depth_z]);
+        let steps = all.map(depth_steps).fold(f32::INFINITY, f32::min);
         depth_steps_per_mm = Some(steps);
         write_gray16(&to("depth.png"), &depth_z.map(|z| depth_code(*z, steps)))?;
+    }
+    if let Some(coverage) = &maps.coverage {
+        let code = |share: &f32| (share * 255.0).round() as u8;
+        write_gray8(&to("coverage.png"), &coverage.map(code))?;
+    }
+    if !maps.layers.is_empty() {
+        let depths = stacked(&maps.layers, |l| &l.depth_z);
+        let steps = *depth_steps_per_mm.get_or_insert_with(|| depth_steps(&depths));
+        write_gray16(
+            &to("layer_depth.png"),
+            &depths.map(|z| depth_code(*z, steps)),
+        )?;
+        write_gray8(&to("layers.png"), &stacked(&maps.layers, |l| &l.segment))?;
     }
     if let Some(normals) = &maps.normal_in_world {
         let code = |v: f32| (127.5 * (v + 1.0)).round() as u8;
@@ -260,6 +275,14 @@ fn write_maps(out_dir: &Path, view: &View, rendering: &Rendering) -> Result<(), 
         "depth_steps_per_mm": depth_steps_per_mm,
     });
     write_json(&to("scene.json"), &record)
+}
+
+/// The planes of all layers, one below the other.
+fn stacked<T: Copy>(layers: &[LayerMaps], plane: impl Fn(&LayerMaps) -> &Plane<T>) -> Plane<T> {
+    let width = layers.first().map_or(0, |l| plane(l).width());
+    let rows = layers.iter().map(|l| plane(l).height()).sum();
+    let values = layers.iter().flat_map(|l| plane(l).as_slice());
+    Plane::from_vec(width, rows, values.copied().collect())
 }
 
 /// Steps per mm that 16 bits hold, a power of two; code 0 is left for pixels without a surface.
