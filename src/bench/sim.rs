@@ -3,8 +3,11 @@
 use facile_core::ReferenceHead;
 use facile_core::identity::IdentityModel;
 use facile_sim::stress::stress;
-use facile_sim::work_precision::{WorkPrecision, work_precision};
-use facile_sim::{ExpressionSet, FaceRig, MuscleSet, SolverKind};
+use facile_sim::work_precision::{Outcome, WorkPrecision, outcome, work_precision};
+use facile_sim::{
+    ExpressionSet, FaceModel, FaceRig, MuscleSet, PaperParams, Pose, Solver, SolverKind,
+    SolverParams, mean_subject,
+};
 
 use super::{Axis, Curve, Effort, Findings, Plot, Table};
 use crate::Error;
@@ -29,7 +32,7 @@ pub fn sim(effort: Effort) -> Result<Findings, Error> {
     let subject = IdentityModel::embedded().sample(reference, 7, 0)?;
     let model = rig.model(reference, &subject)?;
     let solvers = effort.of(&SOLVERS[..1], &SOLVERS[..]);
-    let tolerances = effort.of(&[1e-2, 1e-4][..], &[1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6][..]);
+    let tolerances = effort.of(&[1e-2, 1e-4][..], &[1e-1, 1e-2, 1e-3, 1e-4, 1e-5][..]);
     let mut table = Table::new(&[
         "pose",
         "solver",
@@ -46,7 +49,7 @@ pub fn sim(effort: Effort) -> Result<Findings, Error> {
             .pose(muscles)?
             .scaled(intensity);
         let kinds: Vec<SolverKind> = solvers.iter().map(|s| s.0).collect();
-        let rows = work_precision(&model, &pose, &kinds, tolerances, effort.of(1, 5))?;
+        let rows = work_precision(&model, &pose, &kinds, tolerances, effort.of(1, 3))?;
         let mut curves: Vec<Curve> = Vec::new();
         for row in &rows {
             let name = curve_name(row);
@@ -84,10 +87,121 @@ pub fn sim(effort: Effort) -> Result<Findings, Error> {
     Ok(Findings {
         tables: vec![
             ("sim_work_precision", table),
+            ("sim_path", path_table(&model, effort)?),
+            ("sim_stability", stability_table(&rig, effort)?),
             ("sim_stress", stress_table(&rig, effort)?),
         ],
         plots,
     })
+}
+
+/// The default solver on longer and shorter steps of the path: does the path matter?
+fn path_table(model: &FaceModel, effort: Effort) -> Result<Table, Error> {
+    let mut table = Table::new(&["pose", "step", "ms", "iterations", "error_mm"]);
+    let names = effort.of(
+        &["smile"][..],
+        &["smile", "anger", "surprise", "kiss", "wink"][..],
+    );
+    for name in names {
+        let pose = expression(name)?;
+        let at = |step: f64, tolerance: f64| SolverParams {
+            continuation_step: step,
+            tolerance,
+            ..SolverParams::default()
+        };
+        let truth = Solver::new().solve(model, &pose, &at(0.05, 1e-6))?;
+        for step in effort.of(&[0.5][..], &[1.0, 0.5, 0.25, 0.1][..]) {
+            let tolerance = SolverParams::default().tolerance;
+            let found = outcome(model, &pose, &at(*step, tolerance), *step, Some(&truth));
+            table.push(vec![
+                (*name).into(),
+                (*step).into(),
+                (1e3 * found.seconds).into(),
+                (found.iterations as f64).into(),
+                found.error_mm.into(),
+            ]);
+        }
+    }
+    Ok(table)
+}
+
+fn expression(name: &str) -> Result<Pose, Error> {
+    Ok(ExpressionSet::embedded()
+        .get(name)?
+        .pose(MuscleSet::embedded())?)
+}
+
+/// Where the solvers find rest: all stiffness scaled, tissue thinner and thicker, the damping of Verlet.
+fn stability_table(rig: &FaceRig, effort: Effort) -> Result<Table, Error> {
+    let mut table = Table::new(&[
+        "setting",
+        "value",
+        "solver",
+        "ms",
+        "iterations",
+        "distance_mm",
+        "inverted_prisms",
+    ]);
+    let mut push = |setting: &str, kind: SolverKind, found: Outcome| {
+        table.push(vec![
+            setting.into(),
+            found.value.into(),
+            kind.name().into(),
+            (1e3 * found.seconds).into(),
+            (found.iterations as f64).into(),
+            found.error_mm.into(),
+            (found.inverted as f64).into(),
+        ]);
+    };
+    let reference = ReferenceHead::embedded();
+    let subject = mean_subject(reference);
+    let pose = expression("surprise")?;
+    let usual = Solver::new().solve(
+        &rig.model(reference, &subject)?,
+        &pose,
+        &SolverParams::default(),
+    )?;
+    for value in effort.of(&[1e3][..], &[1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0, 1e3][..]) {
+        let model = rig.model_with(reference, &subject, scaled(*value))?;
+        let params = SolverParams::default();
+        let found = outcome(&model, &pose, &params, *value, Some(&usual));
+        push("stiffness", params.kind, found);
+    }
+    for value in effort.of(&[1.0][..], &[1.0, 2.0, 3.0, 5.0, 8.0, 12.0][..]) {
+        let mut other = reference.clone();
+        for t in &mut other.cage.thickness {
+            *t *= value / 5.0;
+        }
+        let model = FaceModel::new(&other, MuscleSet::embedded(), &subject)?;
+        let params = SolverParams::default();
+        let found = outcome(&model, &pose, &params, *value, Some(&usual));
+        push("thickness_mm", params.kind, found);
+    }
+    for value in effort.of(&[][..], &[2.5, 5.0, 12.5, 25.0, 50.0, 100.0][..]) {
+        let params = PaperParams {
+            damping: *value,
+            ..PaperParams::default()
+        };
+        let model = rig.model_with(reference, &subject, params)?;
+        let params = SolverParams::verlet();
+        let found = outcome(&model, &pose, &params, *value, Some(&usual));
+        push("damping", params.kind, found);
+    }
+    Ok(table)
+}
+
+/// Table 1 with all stiffness times `factor`.
+fn scaled(factor: f64) -> PaperParams {
+    let p = PaperParams::default();
+    PaperParams {
+        skin_stiffness: factor * p.skin_stiffness,
+        skin_fascia_stiffness: factor * p.skin_fascia_stiffness,
+        fascia_stiffness: factor * p.fascia_stiffness,
+        fascia_skull_stiffness: factor * p.fascia_skull_stiffness,
+        shape_stiffness: factor * p.shape_stiffness,
+        volume_stiffness: factor * p.volume_stiffness,
+        ..p
+    }
 }
 
 /// Solver and start of a row.

@@ -1,8 +1,8 @@
-//! Solves every built-in expression and every muscle on the mean head, and writes the fine vertices for a look.
+//! Solves every built-in expression and every muscle on a head, and writes the fine vertices for a look.
 //!
-//! `cargo run --release -p facile-sim --example poses -- OUT [names]` writes `OUT/NAME.f64` (little-endian triples, mm)
+//! `cargo run --release --example poses -- OUT [--identity N] [names]` writes `OUT/NAME.f64` (little-endian triples, mm)
 //! and `OUT/poses.tsv` with certificate, time, jaw and eye rotation of each. Names: expressions, muscles with contraction
-//! (`zygomatic_major=0.5`), or `muscles` for all of them at 1.
+//! (`zygomatic_major=0.5`), or `muscles=0.5` for all of them. `--identity N`: a sampled person, not the mean head. `docs/build/muscles.py` makes pictures of it.
 
 use std::error::Error;
 use std::fmt::Write as _;
@@ -11,6 +11,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use facile_core::ReferenceHead;
+use facile_core::identity::IdentityModel;
 use facile_sim::{
     ExpressionSet, FaceModel, MuscleSet, Pose, Solver, SolverKind, SolverParams, mean_subject,
 };
@@ -20,12 +21,17 @@ fn main() -> Result<(), Box<dyn Error>> {
     let out = args.next().ok_or("usage: poses OUT [names]")?;
     fs::create_dir_all(&out)?;
     let reference = ReferenceHead::embedded();
-    let subject = mean_subject(reference);
     let muscles = MuscleSet::embedded();
     let start = Instant::now();
+    let mut names: Vec<String> = args.collect();
+    let mut subject = mean_subject(reference);
+    if let Some(k) = names.iter().position(|n| n == "--identity") {
+        let number = names.get(k + 1).ok_or("--identity needs a number")?;
+        subject = IdentityModel::embedded().sample(reference, 7, number.parse()?)?;
+        names.drain(k..k + 2);
+    }
     let model = FaceModel::new(reference, muscles, &subject)?;
     eprintln!("model: {:.1} ms", start.elapsed().as_secs_f64() * 1e3);
-    let mut names: Vec<String> = args.collect();
     let verlet = names.iter().any(|n| n == "--verlet");
     names.retain(|n| n != "--verlet");
     let mut solver = Solver::new();
@@ -81,11 +87,11 @@ fn poses(muscles: &MuscleSet, names: &[String]) -> Result<Vec<(String, Pose)>, B
         }
     }
     for name in names {
-        if name == "muscles" {
+        if let Some(c) = name.strip_prefix("muscles=") {
             for m in muscles.muscles() {
                 let mut pose = Pose::default();
-                pose.set(muscles, &m.name, 1.0)?;
-                out.push((format!("{}=1", m.name), pose));
+                pose.set(muscles, &m.name, c.parse()?)?;
+                out.push((format!("{}={c}", m.name), pose));
             }
         } else if let Some((key, c)) = name.split_once('=') {
             let mut pose = Pose::default();

@@ -109,6 +109,46 @@ fn measure(
     row
 }
 
+/// One setting of the model or of the path, and what a solve with it came to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Outcome {
+    /// The setting's value.
+    pub value: f64,
+    /// Median wall time of a solve, s.
+    pub seconds: f64,
+    /// Iterations or time steps.
+    pub iterations: usize,
+    /// Largest distance of a node from the equilibrium it is compared with, mm; NaN where the solver did not converge.
+    pub error_mm: f64,
+    /// Prisms that are turned inside out.
+    pub inverted: usize,
+}
+
+/// Solves once with these parameters and compares with `truth`.
+pub fn outcome(
+    model: &FaceModel,
+    pose: &Pose,
+    params: &SolverParams,
+    value: f64,
+    truth: Option<&Equilibrium>,
+) -> Outcome {
+    let start = Instant::now();
+    let found = Solver::new().solve(model, pose, params);
+    let seconds = start.elapsed().as_secs_f64();
+    let certificate = found.as_ref().ok().map(|f| f.certificate.clone());
+    Outcome {
+        value,
+        seconds,
+        iterations: certificate.as_ref().map_or(0, |c| c.iterations),
+        error_mm: match (&found, truth) {
+            (Ok(found), Some(truth)) => largest_distance(found, truth),
+            (Ok(_), None) => 0.0,
+            (Err(_), _) => f64::NAN,
+        },
+        inverted: certificate.as_ref().map_or(0, |c| c.inverted_elements),
+    }
+}
+
 /// Largest distance between the nodes of two equilibria of one model, mm.
 pub fn largest_distance(a: &Equilibrium, b: &Equilibrium) -> f64 {
     let pairs = a.nodes.iter().zip(&b.nodes);
