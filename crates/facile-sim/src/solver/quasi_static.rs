@@ -14,12 +14,13 @@ use crate::model::FaceModel;
 use crate::pose::Pose;
 use crate::vector::{V3, add, add_scaled, dot, norm, sub};
 
-/// Iterations after which the matrix is made anew. It is also made anew after the first one, which goes farthest.
+/// Iterations after which the matrix is made anew. At the end of the path it is also made anew after the first one, which
+/// goes farthest.
 const REFACTOR_AFTER: usize = 10;
 /// Relative residual below which all second derivatives are in the matrix.
 const EXACT_BELOW: f64 = 1.0;
 /// Relative residual to which steps of the path before the last are solved.
-const PATH_RESIDUAL: f64 = 3.0;
+const PATH_RESIDUAL: f64 = 10.0;
 
 /// A walk along the path of a pose, from neutral to full intensity and beyond.
 pub(crate) struct Walk<'a> {
@@ -83,6 +84,7 @@ impl<'a> Walk<'a> {
                 preconditioner: &mut scratch.preconditioner,
                 lbfgs: &mut scratch.lbfgs,
                 tolerance,
+                is_last: last,
                 budget: params
                     .max_iterations
                     .saturating_sub(self.iterations - before),
@@ -142,6 +144,8 @@ struct Stage<'s, 'a> {
     preconditioner: &'s mut Preconditioner,
     lbfgs: &'s mut Lbfgs,
     tolerance: f64,
+    /// Whether this is the end of the path.
+    is_last: bool,
     budget: usize,
 }
 
@@ -232,7 +236,8 @@ impl Stage<'_, '_> {
             if iterations >= self.budget {
                 break (false, residual);
             }
-            if iterations <= 1 || since >= REFACTOR_AFTER {
+            let is_settling = iterations == 1 && self.is_last;
+            if iterations == 0 || is_settling || since >= REFACTOR_AFTER {
                 smallest_pivot = problem.refactor(x, &gradient, residual)?;
                 since = 0;
             } else {
