@@ -293,7 +293,7 @@ fn nearest_goals(
 ) -> Vec<Goal> {
     let normals = vertex_normals(fine, &template.reference.mesh.triangles);
     let goal = |(v, (start, beyond)): (usize, (&mut u32, &mut bool))| {
-        if template.skin[v] <= 0.0 || *beyond || template.pair[v] % NEAREST_STRIDE != 0 {
+        if template.skin[v] <= 0.0 || *beyond || !template.pair[v].is_multiple_of(NEAREST_STRIDE) {
             return None;
         }
         let hit = scan.nearest_from(*start, &fine[v], &normals[v], reach);
