@@ -27,6 +27,8 @@ pub(super) fn fringe(style: &Prop, fit: &FaceFit<'_>) -> (Mesh, Vec<Vector3>) {
         let root = hairline - 16.0 * scale * s * s;
         let base = mesh.positions.len() as u32;
         let mut last = None;
+        // Below the brow hair hangs: it does not follow the skin back into the eyes
+        let mut hang = f64::NEG_INFINITY;
         for step in 0..=STEPS {
             let t = step as f64 / STEPS as f64;
             let x = s * half_width * (1.0 + 0.06 * t) + drift * t * t * scale;
@@ -36,8 +38,9 @@ pub(super) fn fringe(style: &Prop, fit: &FaceFit<'_>) -> (Mesh, Vec<Vector3>) {
             let Some(z) = under.into_iter().flatten().reduce(f64::max) else {
                 break;
             };
+            hang = hang.max(z);
             let bow = 4.0 * libm::sin(std::f64::consts::PI * t) + lift;
-            let center = Point3::new(x, y, z + (1.0 + bow * t.min(0.25) * 4.0) * scale);
+            let center = Point3::new(x, y, hang + (1.0 + bow * t.min(0.25) * 4.0) * scale);
             let along = last.map_or(-Vector3::y(), |l: Point3| center - l);
             last = Some(center);
             let half = width * (1.0 - 0.85 * t * t);
