@@ -101,8 +101,10 @@ fn threads_and_interruptions_leave_no_trace_in_the_bytes() {
 
     let one = run(&recipe, place("one"), 1, &Unwatched);
     assert_eq!((one.samples, one.made, one.failures.len()), (24, 24, 0));
-    run(&recipe, place("two"), 2, &Unwatched);
-    assert_same(&place("one"), &place("two"));
+    for jobs in [2, 8] {
+        run(&recipe, place(&format!("by-{jobs}")), jobs, &Unwatched);
+        assert_same(&place("one"), &place(&format!("by-{jobs}")));
+    }
 
     let stopped = run(&recipe, place("three"), 1, &StopsEarly(AtomicU64::new(0)));
     assert!(stopped.interrupted && stopped.made < 24, "{stopped:?}");
@@ -214,12 +216,18 @@ fn parts_merge_into_the_bytes_of_one_run() {
     let recipe = recipe(dir.path(), &in_every_format());
     let place = |name: &str| dir.path().join(name);
     run(&recipe, place("whole"), 2, &Unwatched);
-    for count in [1, 3] {
+    for count in [1, 3, 7] {
         let parts: Vec<PathBuf> = (1..=count)
             .map(|index| {
                 let folder = place(&format!("part-{index}-of-{count}"));
                 let part = Part::new(index, count);
-                run_part(&recipe, folder.clone(), 1, part, &Unwatched);
+                // Every other part is stopped early and gone on with, by another number of threads.
+                if index % 2 == 0 {
+                    let early = StopsEarly(AtomicU64::new(0));
+                    run_part(&recipe, folder.clone(), 1, part, &early);
+                }
+                let jobs = 1 + (index as usize) % 2;
+                run_part(&recipe, folder.clone(), jobs, part, &Unwatched);
                 folder
             })
             .collect();

@@ -86,8 +86,9 @@ fn disk_space_is_predicted_to_a_quarter_in_every_format() {
             "{format}: {} against {bytes}",
             cost.bytes
         );
+        // A view's time is a difference, nothing where the clock is coarse or another program takes the processor.
         assert!(
-            cost.seconds > 0.0 && cost.view_s > 0.0 && cost.image_s > 0.0,
+            cost.seconds > 0.0 && cost.view_s >= 0.0 && cost.image_s > 0.0,
             "{cost:?}"
         );
     }

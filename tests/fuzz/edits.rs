@@ -1,4 +1,4 @@
-//! Changes of a file: bytes, words, numbers, pieces of another file; checksums are put right half of the time.
+//! Changes of a file: bytes, words, numbers, pieces of another file; checksums and lengths are put right half of the time.
 
 use facile::core::rng::RandomStream;
 
@@ -41,7 +41,18 @@ pub(crate) fn edited(seeds: &[Vec<u8>], words: &[&str], random: &mut RandomStrea
     }
     if random.index(2) == 0 {
         right_png(&mut bytes);
+        right_glb(&mut bytes);
     }
+    bytes
+}
+
+/// Random bytes behind the first ones of a seed, by which parsers know their format.
+pub(crate) fn noise(seeds: &[Vec<u8>], random: &mut RandomStream) -> Vec<u8> {
+    let seed = &seeds[random.index(seeds.len())];
+    let kept = random.index(40).min(seed.len());
+    let length = random.index(300);
+    let mut bytes = seed[..kept].to_vec();
+    bytes.extend((0..length).map(|_| random.bits() as u8));
     bytes
 }
 
@@ -118,6 +129,25 @@ fn right_png(bytes: &mut [u8]) {
         bytes[end..end + 4].copy_from_slice(&sum.to_be_bytes());
         at = end + 4;
     }
+}
+
+/// Puts the lengths of a GLB and of its JSON chunk right, so that edits of the text reach its tables.
+fn right_glb(bytes: &mut Vec<u8>) {
+    const TEXT: usize = 20;
+    let Some(end) = bytes.windows(4).position(|w| w == b"BIN\0") else {
+        return;
+    };
+    let Some(end) = end.checked_sub(4).filter(|end| *end >= TEXT) else {
+        return;
+    };
+    if !bytes.starts_with(b"glTF") {
+        return;
+    }
+    let padded = (end - TEXT).next_multiple_of(4) + TEXT;
+    bytes.splice(end..end, std::iter::repeat_n(b' ', padded - end));
+    bytes[12..16].copy_from_slice(&((padded - TEXT) as u32).to_le_bytes());
+    let total = bytes.len() as u32;
+    bytes[8..12].copy_from_slice(&total.to_le_bytes());
 }
 
 /// The checksum of PNG (ISO 3309).

@@ -1,6 +1,6 @@
 //! Every parser of files from outside, on edited files: none panics, hangs, or takes memory that its input does not justify.
 //!
-//! An execution edits a seed and parses it. An input with a new outcome (its error, names and numbers left out) becomes a
+//! An execution edits a seed, or puts random bytes behind its beginning, and parses it. An input with a new outcome (its error, names and numbers left out) becomes a
 //! seed itself, so that edits get further. `cargo test` replays the corpus and makes [`USUAL`] executions of each parser;
 //!
 //! ```sh
@@ -20,11 +20,13 @@ use std::time::{Duration, Instant};
 
 use facile::core::rng::RandomStream;
 
-use edits::edited;
+use edits::{edited, noise};
 use parsers::{PARSERS, Parser};
 
 /// Executions of each parser in `cargo test`.
 const USUAL: u64 = 400;
+/// One execution in so many is on random bytes.
+const NOISE: usize = 16;
 /// No execution takes as long: inputs are a few kilobytes.
 const SLOWEST: Duration = Duration::from_secs(20);
 /// Most seeds of a parser, and most that are kept in the corpus.
@@ -112,7 +114,11 @@ impl Campaign {
 
     fn run(&mut self, executions: u64, random: &mut RandomStream) {
         for _ in 0..executions {
-            let input = edited(&self.seeds, self.parser.words, random);
+            let input = if random.index(NOISE) == 0 {
+                noise(&self.seeds, random)
+            } else {
+                edited(&self.seeds, self.parser.words, random)
+            };
             self.execute(&input);
         }
     }
