@@ -15,10 +15,10 @@ use crate::sampling::lattice_offsets;
 use crate::scene::Scene;
 
 /// Rays of a pixel on the border of an object.
-pub const VISIBLE_SAMPLES: usize = 24;
+pub const VISIBLE_SAMPLES: usize = 32;
 
 /// Rays that find out whether the border passes through the pixel: the outermost ones, which no sliver misses.
-const FIRST_SAMPLES: usize = 12;
+const FIRST_SAMPLES: usize = 16;
 
 /// Rays of an object in a pixel that are shaded.
 pub const SHADED_SAMPLES: usize = 4;

@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 use facile_core::Plane;
 
 use crate::TraceError;
+use crate::bends::bent_pixels;
 use crate::bounces::{BounceParams, ShadingPoints, Spacing};
 use crate::camera::Camera;
 use crate::edges::{self, Edges};
@@ -24,7 +25,7 @@ use crate::primary::{self, Method, PixelHits, find_samples, pixels_in_blocks, sa
 use crate::raster::Wanted;
 use crate::ray::{Hit, NO_OBJECT};
 use crate::sampling::{
-    FIRST_SAMPLES, GLINT_SAMPLES, MORE_SAMPLES, Samples, bent_pixels, is_uneven, sample_offsets,
+    FIRST_OFFSETS, GLINT_SAMPLES, MORE_SAMPLES, Samples, is_uneven, sample_offsets,
 };
 use crate::scene::{Layer, Scene};
 use crate::scratch;
@@ -45,6 +46,10 @@ pub struct RenderSettings {
     /// Distance from a surface at which shadow and mirror rays start, mm; 0.05 by default. Larger hides contact
     /// shadows, smaller lets rounding darken surfaces.
     pub offset_mm: f32,
+    /// Whether shadow rays start on the smooth surface that vertex normals stand for, so that shadows do not end in the
+    /// staircase of the triangles; true by default. Otherwise they start above the triangle, along the shading normal, as in
+    /// most ray tracers.
+    pub smooth_shadows: bool,
 }
 
 impl Default for RenderSettings {
@@ -54,6 +59,7 @@ impl Default for RenderSettings {
             truth: Truth::default(),
             max_depth: 5,
             offset_mm: 0.05,
+            smooth_shadows: true,
         }
     }
 }
@@ -220,6 +226,7 @@ impl RenderSettings {
         BounceParams {
             max_depth: self.max_depth,
             offset: self.offset_mm,
+            smooth_shadows: self.smooth_shadows,
         }
     }
 }
@@ -523,10 +530,7 @@ impl View {
         shader: &Shader<'_>,
         scratch: &mut BatchScratch,
     ) {
-        let (few, more) = (
-            &sample_offsets(FIRST_SAMPLES),
-            &sample_offsets(MORE_SAMPLES),
-        );
+        let (few, more) = (&FIRST_OFFSETS, &sample_offsets(MORE_SAMPLES));
         let trace = |pixels: &[[u32; 2]], offsets: &[[f64; 2]]| {
             let mut hits = Vec::new();
             find_samples(shader.scene, &self.camera, pixels, offsets, &mut hits);
