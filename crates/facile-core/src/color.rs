@@ -54,6 +54,44 @@ pub fn srgb8_from_linear(v: f32) -> u8 {
     0
 }
 
+/// Steps of linear light, so small that at most one border between two codes lies in each.
+const STEPS: usize = 4096;
+
+/// The linear value from which the next code holds, and the code at the start of each step.
+static STEP_CODES: LazyLock<Vec<(f32, u8)>> = LazyLock::new(|| {
+    let border = |code: u8| SRGB8_BORDERS.get(usize::from(code)).copied();
+    (0..=STEPS)
+        .map(|i| {
+            let code = srgb8_from_linear(i as f32 / STEPS as f32);
+            (border(code).unwrap_or(f32::INFINITY), code)
+        })
+        .collect()
+});
+
+/// [`srgb8_from_linear`] for many values: its table at hand, one comparison each.
+#[derive(Clone, Copy, Debug)]
+pub struct Srgb8Codes {
+    steps: &'static [(f32, u8)],
+}
+
+impl Default for Srgb8Codes {
+    fn default() -> Self {
+        Self { steps: &STEP_CODES }
+    }
+}
+
+impl Srgb8Codes {
+    /// As [`srgb8_from_linear`].
+    #[inline]
+    pub fn of(self, v: f32) -> u8 {
+        // NaN and what is below 0 become 0
+        let v = if v > 0.0 { v } else { 0.0 };
+        let v = if v < 1.0 { v } else { 1.0 };
+        let (border, code) = self.steps[(v * STEPS as f32) as usize];
+        code + u8::from(border <= v)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -81,5 +119,17 @@ mod tests {
         }
         assert_eq!(srgb8_from_linear(f32::NAN), 0);
         assert_eq!(srgb8_from_linear(7.0), 255);
+    }
+
+    #[test]
+    fn the_table_of_steps_has_the_codes_of_the_plain_function() {
+        let special = [f32::NAN, -1.0, -0.0, 0.0, 1.0, 7.0, f32::INFINITY, 1e-40];
+        let values = (0..300_000).map(|i| i as f32 / 299_000.0).chain(special);
+        let borders = SRGB8_BORDERS.iter();
+        let near = borders.flat_map(|b| [b.next_down(), *b, b.next_up()]);
+        let codes = Srgb8Codes::default();
+        for v in values.chain(near) {
+            assert_eq!(codes.of(v), srgb8_from_linear(v), "{v}");
+        }
     }
 }

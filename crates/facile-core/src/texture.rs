@@ -2,7 +2,7 @@
 
 use std::sync::OnceLock;
 
-use crate::color::{LINEAR_FROM_SRGB8, srgb8_from_linear};
+use crate::color::{LINEAR_FROM_SRGB8, Srgb8Codes};
 
 /// An RGB image, row 0 at the top as in files. Texture coordinate `(0, 0)` is the lower left corner of the image.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -105,24 +105,24 @@ impl Texture {
     }
 
     fn halved(&self) -> Self {
-        let lut = &*LINEAR_FROM_SRGB8;
+        let (lut, codes): (&[f32; 256], _) = (&LINEAR_FROM_SRGB8, Srgb8Codes::default());
         let (width, height) = (self.width.div_ceil(2), self.height.div_ceil(2));
         let mut texels = Vec::with_capacity(width * height);
+        let mean = |[a, b, c, d]: [[u8; 3]; 4]| -> [u8; 3] {
+            std::array::from_fn(|k| {
+                let [a, b, c, d] = [a, b, c, d].map(|t| lut[usize::from(t[k])]);
+                codes.of(0.25 * (a + b + c + d))
+            })
+        };
         for y in 0..height {
-            let rows = [2 * y, (2 * y + 1).min(self.height - 1)];
-            for x in 0..width {
-                let columns = [2 * x, (2 * x + 1).min(self.width - 1)];
-                let four = [
-                    self.texel(columns[0], rows[0]),
-                    self.texel(columns[1], rows[0]),
-                    self.texel(columns[0], rows[1]),
-                    self.texel(columns[1], rows[1]),
-                ];
-                texels.push(std::array::from_fn(|k| {
-                    let sum: f32 = four.iter().map(|t| lut[usize::from(t[k])]).sum();
-                    srgb8_from_linear(0.25 * sum)
-                }));
-            }
+            let row = |y: usize| &self.texels[y * self.width..(y + 1) * self.width];
+            let (top, bottom) = (row(2 * y), row((2 * y + 1).min(self.height - 1)));
+            let ((tops, top), (bottoms, bottom)) = (top.as_chunks::<2>(), bottom.as_chunks::<2>());
+            let pairs = tops.iter().zip(bottoms);
+            texels.extend(pairs.map(|([a, b], [c, d])| mean([*a, *b, *c, *d])));
+            // A last column by itself counts twice
+            let alone = top.iter().zip(bottom);
+            texels.extend(alone.map(|(a, c)| mean([*a, *a, *c, *c])));
         }
         Self::new(width, height, texels)
     }

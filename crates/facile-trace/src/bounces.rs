@@ -24,6 +24,8 @@ pub(crate) struct BounceParams {
     pub(crate) max_depth: u32,
     /// Distance from a surface at which further rays start, mm.
     pub(crate) offset: f32,
+    /// [`crate::RenderSettings::smooth_shadows`].
+    pub(crate) smooth_shadows: bool,
 }
 
 /// Surfaces to shade: sample `i` is lane `i % 8` of block `i / 8`.
@@ -111,7 +113,7 @@ impl ShadingPoints {
             (&hits[..from], &directions[..from], spacing.mm[0]),
             (&hits[from..], &directions[from..], spacing.mm[1]),
         ] {
-            surface::surfaces(scene, hits, directions, mm, &mut self.surfaces);
+            surface::surfaces(scene, hits, directions, (mm, params), &mut self.surfaces);
         }
         self.primary_blocks = self.surfaces.len();
         let first = Generation {
@@ -135,7 +137,7 @@ impl ShadingPoints {
             let mut hits = Vec::with_capacity(rays.len());
             scene.closest_hits(&rays, Layer::All, &mut hits);
             let directions: Vec<[f32; 3]> = rays.iter().map(|r| r.direction.into()).collect();
-            surface::surfaces(scene, &hits, &directions, 0.0, &mut self.surfaces);
+            surface::surfaces(scene, &hits, &directions, (0.0, params), &mut self.surfaces);
             if depth == params.max_depth {
                 break;
             }

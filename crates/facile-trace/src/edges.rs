@@ -9,16 +9,16 @@ use std::collections::BTreeSet;
 use facile_core::Plane;
 
 use crate::camera::Camera;
-use crate::primary::{sample_px, trace_samples};
+use crate::primary::{find_samples, sample_px};
 use crate::ray::Hit;
 use crate::sampling::lattice_offsets;
-use crate::scene::{Layer, Scene};
+use crate::scene::Scene;
 
 /// Rays of a pixel on the border of an object.
-pub const VISIBLE_SAMPLES: usize = 24;
+pub const VISIBLE_SAMPLES: usize = 32;
 
 /// Rays that find out whether the border passes through the pixel: the outermost ones, which no sliver misses.
-const FIRST_SAMPLES: usize = 12;
+const FIRST_SAMPLES: usize = 16;
 
 /// Rays of an object in a pixel that are shaded.
 pub const SHADED_SAMPLES: usize = 4;
@@ -79,7 +79,7 @@ impl Edges {
     fn look(&mut self, scene: &Scene, camera: &Camera, pixels: &[[u32; 2]]) -> Vec<[u32; 2]> {
         let (first, rest) = offsets();
         let mut hits = Vec::new();
-        trace_samples(scene, camera, pixels, &first, Layer::All, &mut hits);
+        find_samples(scene, camera, pixels, &first, &mut hits);
         self.rays += hits.len();
         let seen = pixels.iter().zip(hits.chunks_exact(FIRST_SAMPLES));
         let is_mixed = |hits: &[Hit]| {
@@ -88,7 +88,7 @@ impl Edges {
         let (pixels, firsts): (Vec<[u32; 2]>, Vec<&[Hit]>) =
             seen.filter(|(_, hits)| is_mixed(hits)).unzip();
         let mut others = Vec::new();
-        trace_samples(scene, camera, &pixels, &rest, Layer::All, &mut others);
+        find_samples(scene, camera, &pixels, &rest, &mut others);
         self.rays += others.len();
         let offsets: Vec<[f64; 2]> = first.iter().chain(&rest).copied().collect();
         let others = others.chunks_exact(VISIBLE_SAMPLES - FIRST_SAMPLES);

@@ -6,8 +6,10 @@ use crate::camera::Camera;
 use crate::edges::Edges;
 use crate::interaction::{Interaction, albedo};
 use crate::lanes::LANES;
+use crate::layers::FurtherSurface;
 use crate::math::{Rgb, Vec3};
 use crate::object::Object;
+use crate::primary::Behind;
 use crate::ray::Hit;
 use crate::scene::Scene;
 use crate::surface::{self, SurfaceBlock};
@@ -112,12 +114,9 @@ pub struct LayerMaps {
 pub(crate) struct CenterHits<'a> {
     pub(crate) pixels: &'a [[u32; 2]],
     pub(crate) hits: &'a [Hit],
-    /// Hits of the layer behind the occluders; empty unless the occlusion maps are asked for.
-    pub(crate) behind: &'a [Hit],
+    pub(crate) behind: &'a Behind,
     /// The surfaces at the hits; empty if there are too many to keep.
     pub(crate) surfaces: &'a [SurfaceBlock],
-    /// Hits of each layer but the first.
-    pub(crate) layers: &'a [Vec<Hit>],
     /// Pixels on borders; only if the coverage is asked for.
     pub(crate) edges: &'a Edges,
 }
@@ -151,28 +150,51 @@ impl GBuffer {
             .as_ref()
             .filter(|_| truth.normal_in_camera)
             .map(|plane| plane.map(|n| (rotation * Vec3::from(*n)).into()));
-        let layer = |hits: &[Hit]| {
-            let segment = fill.plane(true, hits, 0, |_, h| segment_id(h))?;
-            let depth_z = fill.plane(true, hits, f32::INFINITY, |_, h| h.t)?;
-            Some(LayerMaps { segment, depth_z })
-        };
-        let mut layers = Vec::new();
-        if truth.layers > 0 {
-            let all = std::iter::once(centers.hits).chain(centers.layers.iter().map(|l| &l[..]));
-            layers.extend(all.filter_map(layer));
+        let depth_of = |_: usize, h: &Hit| h.t;
+        let segment_of = |_: usize, h: &Hit| segment_id(h);
+        let is_layered = truth.layers > 0;
+        let needs_segment = truth.segment || truth.occlusion || is_layered;
+        let needs_depth = truth.depth_z || truth.occlusion || is_layered;
+        let segment = fill.plane(needs_segment, centers.hits, 0, segment_of);
+        let depth_z = fill.plane(needs_depth, centers.hits, f32::INFINITY, depth_of);
+        // Without occluders everything is as it is seen
+        let (mut amodal_segment, mut amodal_depth_z) = (None, None);
+        if truth.occlusion {
+            (amodal_segment, amodal_depth_z) = match &centers.behind.occluders {
+                None => (segment.clone(), depth_z.clone()),
+                Some(hits) => (
+                    fill.plane(true, hits, 0, segment_of),
+                    fill.plane(true, hits, f32::INFINITY, depth_of),
+                ),
+            };
         }
-        let occlusion = fill.plane(truth.occlusion, centers.behind, 0, |i, _| {
+        let faces = centers.behind.occluders.as_deref();
+        let occlusion = fill.plane(truth.occlusion, faces.unwrap_or(centers.hits), 0, |i, _| {
             occlusion_at(scene, &centers.hits[i]) as u8
         });
+        let mut layers = Vec::new();
+        if let (true, Some(segment), Some(depth_z)) = (is_layered, &segment, &depth_z) {
+            layers.push(LayerMaps {
+                segment: segment.clone(),
+                depth_z: depth_z.clone(),
+            });
+            layers.resize_with(truth.layers as usize, || LayerMaps {
+                segment: Plane::filled(width, height, 0),
+                depth_z: Plane::filled(width, height, f32::INFINITY),
+            });
+            for (maps, surfaces) in layers[1..].iter_mut().zip(&centers.behind.layers) {
+                fill.layer(surfaces, maps);
+            }
+        }
         Self {
-            depth_z: fill.plane(truth.depth_z, centers.hits, f32::INFINITY, |_, h| h.t),
+            depth_z: depth_z.filter(|_| truth.depth_z),
             normal_in_world: normal_in_world.filter(|_| truth.normal_in_world),
             normal_in_camera,
-            segment: fill.plane(truth.segment, centers.hits, 0, |_, h| segment_id(h)),
+            segment: segment.filter(|_| truth.segment),
             hit: fill.plane(truth.hit, centers.hits, Hit::MISS, |_, h| *h),
             occlusion,
-            amodal_segment: fill.plane(truth.occlusion, centers.behind, 0, |_, h| segment_id(h)),
-            amodal_depth_z: fill.plane(truth.occlusion, centers.behind, f32::INFINITY, |_, h| h.t),
+            amodal_segment,
+            amodal_depth_z,
             albedo: fill.plane(truth.albedo, centers.hits, [0.0; 3], |i, h| {
                 let color: Rgb = match centers.surfaces.get(i / LANES) {
                     Some(block) => surface::lane(&block.albedo, i % LANES),
@@ -215,6 +237,18 @@ impl Fill<'_> {
             }
             plane
         })
+    }
+
+    /// Writes the surfaces of a layer into its maps.
+    fn layer(&self, surfaces: &[FurtherSurface], maps: &mut LayerMaps) {
+        let segments = maps.segment.as_mut_slice();
+        let depths = maps.depth_z.as_mut_slice();
+        for surface in surfaces {
+            let [x, y] = self.pixels[surface.pixel as usize];
+            let at = y as usize * self.width + x as usize;
+            segments[at] = surface.segment;
+            depths[at] = surface.depth_z;
+        }
     }
 }
 

@@ -11,21 +11,29 @@ pub enum InstructionSet {
     Sse2,
     /// One vector of eight.
     Avx2,
+    /// One vector of eight, more registers and cheaper masks: AVX-512 with its F, VL, DQ and BW extensions.
+    Avx512,
 }
 
 thread_local! {
-    static LIMIT: Cell<InstructionSet> = const { Cell::new(InstructionSet::Avx2) };
+    static LIMIT: Cell<InstructionSet> = const { Cell::new(InstructionSet::Avx512) };
 }
 
 impl InstructionSet {
     /// Every set.
-    pub const ALL: [Self; 3] = [Self::Portable, Self::Sse2, Self::Avx2];
+    pub const ALL: [Self; 4] = [Self::Portable, Self::Sse2, Self::Avx2, Self::Avx512];
 
     /// The best set of this processor.
     pub fn best() -> Self {
         #[cfg(target_arch = "x86_64")]
         {
-            if std::arch::is_x86_feature_detected!("avx2") {
+            use std::arch::is_x86_feature_detected as has;
+            let has_avx2 = has!("avx2");
+            let has_avx512 =
+                has!("avx512f") && has!("avx512vl") && has!("avx512dq") && has!("avx512bw");
+            if has_avx2 && has_avx512 {
+                Self::Avx512
+            } else if has_avx2 {
                 Self::Avx2
             } else {
                 Self::Sse2
@@ -46,6 +54,7 @@ impl InstructionSet {
             Self::Portable => "portable",
             Self::Sse2 => "sse2",
             Self::Avx2 => "avx2",
+            Self::Avx512 => "avx512",
         }
     }
 

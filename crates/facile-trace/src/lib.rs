@@ -30,6 +30,7 @@ pub mod triangle;
 pub mod view;
 pub mod visibility;
 
+mod bends;
 mod bounces;
 mod cornea;
 mod detail;

@@ -104,6 +104,12 @@ impl ShearBlock {
         }
     }
 
+    /// Lanes with a ray.
+    #[inline(always)]
+    pub(crate) fn present(&self) -> u32 {
+        self.by_axis[0] | self.by_axis[1] | self.by_axis[2]
+    }
+
     /// Axes that may occur.
     #[inline(always)]
     pub(crate) fn axes(&self) -> std::ops::Range<usize> {
@@ -178,6 +184,7 @@ pub(crate) struct PacketHit<L: Lanes> {
 }
 
 /// Lanes that meet a triangle, where, and the weights of its second and third corner.
+#[derive(Clone, Copy)]
 pub(crate) struct Meeting<L: Lanes> {
     pub(crate) met: L::Mask,
     pub(crate) t: L,

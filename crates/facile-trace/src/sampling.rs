@@ -1,12 +1,9 @@
 //! Where in a pixel the samples lie, and which pixels need more of them.
 
-use facile_core::Plane;
 use facile_core::color::srgb8_from_linear;
 use serde::{Deserialize, Serialize};
 
 use crate::math::Rgb;
-use crate::ray::NO_OBJECT;
-use crate::srgb::srgb8;
 
 /// How many samples a pixel's colour is the mean of. Truth always comes from the pixel's centre.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -37,8 +34,14 @@ impl Default for Samples {
     }
 }
 
-/// Samples that a pixel gets which does not follow its neighbours.
-pub const FIRST_SAMPLES: u32 = 4;
+/// Places of the samples that a pixel gets which does not follow its neighbours: none share a column or a row, so that a
+/// border along a side of the pixel is found where it cuts off more than an eighth.
+pub(crate) const FIRST_OFFSETS: [[f64; 2]; 4] = [
+    [0.375, 0.125],
+    [0.875, 0.375],
+    [0.625, 0.875],
+    [0.125, 0.625],
+];
 
 /// Samples that it gets beside them if those differ.
 pub const MORE_SAMPLES: u32 = 16;
@@ -46,12 +49,12 @@ pub const MORE_SAMPLES: u32 = 16;
 /// Samples of a pixel with an uneven sharp highlight.
 pub const GLINT_SAMPLES: u32 = 36;
 
-/// Twice the distance of a pixel from the middle of two opposite neighbours, in steps of 8-bit sRGB, from which it gets
-/// [`FIRST_SAMPLES`].
-pub const BEND_LIMIT: i32 = 14;
+/// Twice the distance of a pixel from the middle of two opposite neighbours, in steps of 8-bit sRGB, from which it gets a
+/// few samples.
+pub const BEND_LIMIT: i16 = 14;
 
 /// Difference from a neighbour from which it gets them in any case.
-pub const STEP_LIMIT: i32 = 24;
+pub const STEP_LIMIT: i16 = 24;
 
 /// Difference of two of a pixel's samples from which it gets more.
 pub const SPREAD_LIMIT: u8 = 10;
@@ -103,50 +106,9 @@ pub(crate) fn is_uneven(samples: &[Rgb]) -> bool {
     (0..3).any(|k| srgb8_from_linear(high[k]) - srgb8_from_linear(low[k]) > SPREAD_LIMIT)
 }
 
-/// The pixels of a list that are bent or stepped against two opposite neighbours, by more than [`BEND_LIMIT`] or
-/// [`STEP_LIMIT`], and those next to another object, where neighbours tell nothing. Even slopes are right as they are: the
-/// centre's colour is their mean. Pixels of [`NO_OBJECT`] are left out.
-pub(crate) fn bent_pixels(
-    colors: &Plane<Rgb>,
-    objects: &Plane<u32>,
-    pixels: &[[u32; 2]],
-) -> Vec<[u32; 2]> {
-    let (width, height) = (colors.width(), colors.height());
-    let codes = srgb8(colors);
-    let (codes, objects) = (codes.as_slice(), objects.as_slice());
-    let is_bent = |[x, y]: &[u32; 2]| {
-        let (x, y) = (*x as usize, *y as usize);
-        let at = y * width + x;
-        let object = objects[at];
-        if object == NO_OBJECT {
-            return false;
-        }
-        let (is_across, is_along) = (x > 0 && x + 1 < width, y > 0 && y + 1 < height);
-        let ways = [
-            (is_across, 1),
-            (is_along, width),
-            (is_across && is_along, width + 1),
-            (is_across && is_along, width - 1),
-        ];
-        ways.into_iter().any(|(is_inside, step)| {
-            is_inside
-                && (objects[at - step] != object
-                    || objects[at + step] != object
-                    || (0..3).any(|k| {
-                        let [a, b, c] = [at - step, at, at + step].map(|i| i32::from(codes[i][k]));
-                        let (before, after) = (b - a, c - b);
-                        (before - after).abs() > BEND_LIMIT
-                            || before.abs().max(after.abs()) > STEP_LIMIT
-                    }))
-        })
-    };
-    pixels.iter().copied().filter(is_bent).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use facile_core::color::LINEAR_FROM_SRGB8;
 
     #[test]
     fn offsets_cover_the_pixel_evenly() {
@@ -168,28 +130,6 @@ mod tests {
                 assert!(values[0] > 0.0 && values[values.len() - 1] < 1.0);
             }
         }
-    }
-
-    #[test]
-    fn steps_are_bent_and_slopes_are_not() {
-        let pixels: Vec<[u32; 2]> = (0..24).map(|i| [i % 6, i / 6]).collect();
-        let bent = |value: &dyn Fn(usize) -> f32, object: &dyn Fn(usize) -> u32| {
-            let code = |x: usize| LINEAR_FROM_SRGB8[value(x) as usize];
-            let image = Plane::from_fn(6, 4, |x, _| Rgb::repeat(code(x)));
-            let objects = Plane::from_fn(6, 4, |x, _| object(x));
-            bent_pixels(&image, &objects, &pixels)
-        };
-        let step = |x: usize| if x < 3 { 100.0 } else { 120.0 };
-        let columns: Vec<u32> = bent(&step, &|_| 0).iter().map(|p| p[0]).collect();
-        assert_eq!(columns, [2, 3, 2, 3, 2, 3, 2, 3]);
-        assert!(bent(&|x| 20.0 * x as f32, &|_| 0).is_empty());
-        // Next to another object neighbours tell nothing
-        let columns: Vec<u32> = bent(&|_| 90.0, &|x| u32::from(x < 3))
-            .iter()
-            .map(|p| p[0])
-            .collect();
-        assert_eq!(columns, [2, 3, 2, 3, 2, 3, 2, 3]);
-        assert!(bent(&step, &|_| NO_OBJECT).is_empty());
     }
 
     #[test]

@@ -290,6 +290,7 @@ mod tests {
         let params = BounceParams {
             max_depth: 4,
             offset: 0.05,
+            smooth_shadows: true,
         };
         let rays: Vec<Ray> = (0..61 * 47)
             .map(|i| camera.ray([f64::from(i % 61) + 0.5, f64::from(i / 61) + 0.5]))

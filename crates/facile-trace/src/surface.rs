@@ -6,6 +6,7 @@
 use facile_core::Texture;
 use facile_core::color::LINEAR_FROM_SRGB8;
 
+use crate::bounces::BounceParams;
 use crate::detail;
 use crate::interaction::{albedo, strand_at};
 use crate::lanes::{Eight, Kernel, LANES, LaneMask, Lanes, V3, lanes_of, run};
@@ -25,7 +26,7 @@ const MAX_LEVEL: u32 = 15;
 /// Eight surface points. Lanes without a hit hold nothing of use.
 #[derive(Clone, Debug)]
 pub(crate) struct SurfaceBlock {
-    /// The point lifted onto the smooth surface, world, mm.
+    /// Where rays to lights start, without their offset: the point lifted onto the smooth surface, world, mm.
     pub(crate) lifted: [Eight; 3],
     /// Unit normal of the triangle on the ray's side.
     pub(crate) flat_normal: [Eight; 3],
@@ -67,7 +68,7 @@ pub(crate) fn surfaces(
     scene: &Scene,
     hits: &[Hit],
     directions: &[[f32; 3]],
-    spacing: f32,
+    (spacing, params): (f32, BounceParams),
     out: &mut Vec<SurfaceBlock>,
 ) {
     run(Surfaces {
@@ -75,6 +76,7 @@ pub(crate) fn surfaces(
         hits,
         directions,
         spacing,
+        raised: (!params.smooth_shadows).then_some(params.offset),
         out,
     });
 }
@@ -84,6 +86,8 @@ struct Surfaces<'a> {
     hits: &'a [Hit],
     directions: &'a [[f32; 3]],
     spacing: f32,
+    /// Distance along the shading normal at which shadow rays start, if not from the smooth surface.
+    raised: Option<f32>,
     out: &'a mut Vec<SurfaceBlock>,
 }
 
@@ -100,7 +104,7 @@ impl Kernel for Surfaces<'_> {
             let corners = found.corners::<L>(self.scene, hits);
             let levels = found.levels::<L>(&corners, &look, hits, self.spacing);
             let albedo = found.albedo::<L>(&corners, &look, levels, self.scene, hits, table);
-            let mut block = found.surface::<L>(&corners, &look, albedo);
+            let mut block = found.surface::<L>(&corners, &look, albedo, self.raised);
             if found.detail != 0 {
                 detail::add(self.scene, hits, found.detail, &mut block);
             }
@@ -402,6 +406,7 @@ impl<'a> Found<'a> {
         corners: &Corners<L>,
         look: &Look<'_>,
         albedo: V3<L>,
+        raised: Option<f32>,
     ) -> SurfaceBlock {
         let (zero, one) = (L::splat(0.0), L::splat(1.0));
         let (places, weights) = (&corners.positions, &corners.weights);
@@ -421,8 +426,11 @@ impl<'a> Found<'a> {
         ];
         let smooth = L::Mask::from_bits(self.smooth);
         let normal = V3::select(smooth, blend(&normals, weights).unit_or(flat), flat);
-        let lifted = lift(position, places, &normals, weights);
-        let lifted = V3::select(smooth, lifted, position);
+        let lifted = match raised {
+            None => V3::select(smooth, lift(position, places, &normals, weights), position),
+            // The offset along the triangle's normal comes later
+            Some(offset) => position + (normal - flat).scale(L::splat(offset)),
+        };
         let view = direction.negate().unit_or(flat);
         // Leave the diffuse layer what is not mirrored
         let spawns = look.spawns & self.hit;
@@ -618,7 +626,12 @@ mod tests {
         scene.closest_hits(&rays, Layer::All, &mut hits);
         let directions: Vec<[f32; 3]> = rays.iter().map(|r| r.direction.into()).collect();
         let mut blocks = Vec::new();
-        surfaces(&scene, &hits, &directions, 0.0, &mut blocks);
+        let params = BounceParams {
+            max_depth: 0,
+            offset: 0.05,
+            smooth_shadows: true,
+        };
+        surfaces(&scene, &hits, &directions, (0.0, params), &mut blocks);
         let mut compared = 0;
         for (i, (ray, hit)) in rays.iter().zip(&hits).enumerate() {
             let (block, k) = (&blocks[i / LANES], i % LANES);

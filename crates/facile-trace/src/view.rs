@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 use facile_core::Plane;
 
 use crate::TraceError;
+use crate::bends::bent_pixels;
 use crate::bounces::{BounceParams, ShadingPoints, Spacing};
 use crate::camera::Camera;
 use crate::edges::{self, Edges};
@@ -20,17 +21,18 @@ use crate::layers;
 use crate::light::{Light, LightSource};
 use crate::math::Rgb;
 use crate::object::Object;
-use crate::primary::{self, Method, PixelHits, pixels_in_blocks, sample_px, trace_samples};
+use crate::primary::{self, Method, PixelHits, find_samples, pixels_in_blocks, sample_px};
+use crate::raster::Wanted;
 use crate::ray::{Hit, NO_OBJECT};
 use crate::sampling::{
-    FIRST_SAMPLES, GLINT_SAMPLES, MORE_SAMPLES, Samples, bent_pixels, is_uneven, sample_offsets,
+    FIRST_OFFSETS, GLINT_SAMPLES, MORE_SAMPLES, Samples, is_uneven, sample_offsets,
 };
 use crate::scene::{Layer, Scene};
 use crate::scratch;
 use crate::srgb::srgb8;
 use crate::subsurface::{Skin, SkinPixel};
 use crate::surface;
-use crate::whitted::{Shaded, Shader, Wanted};
+use crate::whitted::{Shaded, Shader, Wanted as WantedLight};
 
 /// How to render.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,6 +46,10 @@ pub struct RenderSettings {
     /// Distance from a surface at which shadow and mirror rays start, mm; 0.05 by default. Larger hides contact
     /// shadows, smaller lets rounding darken surfaces.
     pub offset_mm: f32,
+    /// Whether shadow rays start on the smooth surface that vertex normals stand for, so that shadows do not end in the
+    /// staircase of the triangles; true by default. Otherwise they start above the triangle, along the shading normal, as in
+    /// most ray tracers.
+    pub smooth_shadows: bool,
 }
 
 impl Default for RenderSettings {
@@ -53,6 +59,7 @@ impl Default for RenderSettings {
             truth: Truth::default(),
             max_depth: 5,
             offset_mm: 0.05,
+            smooth_shadows: true,
         }
     }
 }
@@ -135,14 +142,16 @@ pub fn trace_view(
     check(settings)?;
     let start = Instant::now();
     let bounds = camera.pixel_bounds(scene.bounds_in_world(Layer::All));
-    let centers = bounds.map_or_else(PixelHits::default, |bounds| {
-        let method = Method::for_view(scene, camera, bounds);
-        primary::centers(scene, camera, bounds, method)
-    });
-    let mut behind = Vec::new();
-    if settings.truth.occlusion {
-        behind = trace_behind(scene, camera, &centers);
-    }
+    let wanted = Wanted {
+        behind_occluders: settings.truth.occlusion,
+        further: settings.truth.layers.saturating_sub(1) as usize,
+    };
+    let (centers, behind) = bounds
+        .map(|bounds| {
+            let method = Method::for_view(scene, camera, bounds);
+            primary::centers(scene, camera, bounds, method, wanted)
+        })
+        .unwrap_or_default();
     let mut edges = Edges::default();
     let is_adaptive = matches!(settings.samples, Samples::Adaptive(_));
     if is_adaptive || settings.truth.coverage {
@@ -155,7 +164,6 @@ pub fn trace_view(
         // The image does without them
         std::mem::take(&mut edges)
     };
-    let layers = layers::behind(scene, camera, &centers, settings.truth.layers);
     let points = (centers.hits.len() + edges.hits.len() <= MAX_KEPT_SURFACES).then(|| {
         let mut directions = center_directions(camera, &centers.pixels);
         let mut hits = Cow::Borrowed(&centers.hits[..]);
@@ -183,7 +191,6 @@ pub fn trace_view(
         hits: &centers.hits,
         behind: &behind,
         surfaces: points.as_ref().map_or(&[], |p| &p.surfaces[..]),
-        layers: &layers,
         edges: &covering,
     };
     let gbuffer = GBuffer::new(scene, camera, settings.truth, &found);
@@ -202,12 +209,11 @@ pub fn trace_view(
     };
     if let Samples::Count(count @ 2..) = settings.samples {
         view.dense_pixels = view.bounds.map_or_else(Vec::new, pixels_in_blocks);
-        trace_samples(
+        find_samples(
             scene,
             camera,
             &view.dense_pixels,
             &sample_offsets(count),
-            Layer::All,
             &mut view.dense_hits,
         );
     }
@@ -220,6 +226,7 @@ impl RenderSettings {
         BounceParams {
             max_depth: self.max_depth,
             offset: self.offset_mm,
+            smooth_shadows: self.smooth_shadows,
         }
     }
 }
@@ -320,30 +327,6 @@ fn border_pixels(
     pixels.into_iter().filter(differs).collect()
 }
 
-/// The hits without occluders: only pixels that show an occluder are traced anew.
-fn trace_behind(scene: &Scene, camera: &Camera, centers: &PixelHits) -> Vec<Hit> {
-    let (pixels, hits) = (&centers.pixels, &centers.hits);
-    let objects = scene.objects();
-    let covered: Vec<usize> = (0..hits.len())
-        .filter(|&i| objects[hits[i].object as usize].is_occluder())
-        .collect();
-    let covered_pixels: Vec<[u32; 2]> = covered.iter().map(|&i| pixels[i]).collect();
-    let mut found = Vec::new();
-    trace_samples(
-        scene,
-        camera,
-        &covered_pixels,
-        &[CENTER],
-        Layer::BehindOccluders,
-        &mut found,
-    );
-    let mut behind = hits.clone();
-    for (i, hit) in covered.into_iter().zip(found) {
-        behind[i] = hit;
-    }
-    behind
-}
-
 impl View {
     /// The camera.
     pub fn camera(&self) -> &Camera {
@@ -441,7 +424,7 @@ impl View {
 
     /// Shades the pixels' centres.
     fn shade_centers(&self, shader: &Shader<'_>, scratch: &mut BatchScratch) -> LitCenters {
-        let wanted = Wanted {
+        let wanted = WantedLight {
             irradiance: self.skin.is_some(),
             shadow: self.settings.truth.shadow,
         };
@@ -494,7 +477,7 @@ impl View {
                 let of = |k: usize| surface::lane(&shaded.colors[k / LANES], k % LANES);
                 lit.edges.extend((0..count).map(of));
             };
-            let wanted = Wanted::default();
+            let wanted = WantedLight::default();
             let spacing = spacing * EDGE_SPACING;
             scratch.for_each_batch(shader, edges, direction, (spacing, bounces), wanted, take);
         }
@@ -547,20 +530,10 @@ impl View {
         shader: &Shader<'_>,
         scratch: &mut BatchScratch,
     ) {
-        let (few, more) = (
-            &sample_offsets(FIRST_SAMPLES),
-            &sample_offsets(MORE_SAMPLES),
-        );
+        let (few, more) = (&FIRST_OFFSETS, &sample_offsets(MORE_SAMPLES));
         let trace = |pixels: &[[u32; 2]], offsets: &[[f64; 2]]| {
             let mut hits = Vec::new();
-            trace_samples(
-                shader.scene,
-                &self.camera,
-                pixels,
-                offsets,
-                Layer::All,
-                &mut hits,
-            );
+            find_samples(shader.scene, &self.camera, pixels, offsets, &mut hits);
             hits
         };
         // Take a few samples where a pixel does not lie between its neighbours on the same object
@@ -632,7 +605,7 @@ impl View {
                 }
             }
         };
-        let wanted = Wanted::default();
+        let wanted = WantedLight::default();
         scratch.for_each_batch(shader, hits, direction, (spacing, bounces), wanted, take);
     }
 }
@@ -687,7 +660,7 @@ impl BatchScratch {
         hits: &[Hit],
         direction: impl Fn(usize) -> [f32; 3],
         (spacing, bounces): (f32, BounceParams),
-        wanted: Wanted,
+        wanted: WantedLight,
         mut take: impl FnMut(&ShadingPoints, &Shaded, usize),
     ) {
         for start in (0..hits.len()).step_by(BATCH) {

@@ -4,6 +4,8 @@
 //! per lane, never fused, so all sets give the same bits. Inside a kernel everything is `inline(always)` and lanes do not
 //! go through closures: what is not inlined is compiled without the vector instructions.
 
+#[cfg(target_arch = "x86_64")]
+mod avx512;
 mod portable;
 mod vector;
 #[cfg(target_arch = "x86_64")]
@@ -81,6 +83,7 @@ pub(crate) trait Kernel {
 pub(crate) fn run<K: Kernel>(kernel: K) -> K::Output {
     use crate::InstructionSet;
     match InstructionSet::current() {
+        InstructionSet::Avx512 => avx512::run_avx512(kernel),
         InstructionSet::Avx2 => x86::run_avx2(kernel),
         InstructionSet::Sse2 => kernel.run::<x86::Sse2>(),
         InstructionSet::Portable => kernel.run::<Portable>(),

@@ -33,7 +33,7 @@ fn compiled_for_avx2<K: Kernel>(kernel: K) -> K::Output {
 
 /// Eight numbers in one register. Only [`run_avx2`] gives this type to a kernel.
 #[derive(Clone, Copy)]
-pub(super) struct Avx2(__m256);
+pub(super) struct Avx2(pub(super) __m256);
 
 /// Eight numbers in two registers.
 #[derive(Clone, Copy)]

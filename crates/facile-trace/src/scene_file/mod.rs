@@ -97,6 +97,13 @@ pub struct ImageSection {
     /// See [`crate::RenderSettings::offset_mm`].
     #[serde(default = "default_offset")]
     pub offset_mm: f32,
+    /// See [`crate::RenderSettings::smooth_shadows`].
+    #[serde(default = "default_smooth_shadows")]
+    pub smooth_shadows: bool,
+}
+
+fn default_smooth_shadows() -> bool {
+    RenderSettings::default().smooth_shadows
 }
 
 fn default_offset() -> f32 {
@@ -249,6 +256,7 @@ impl SceneFile {
             samples: self.image.samples,
             truth: self.truth(),
             offset_mm: self.image.offset_mm,
+            smooth_shadows: self.image.smooth_shadows,
             ..RenderSettings::default()
         }
     }
