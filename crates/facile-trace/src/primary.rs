@@ -27,7 +27,7 @@ pub(crate) enum Method {
 impl Method {
     /// The method for the pixels `[x0, y0, x1, y1)`.
     pub(crate) fn for_view(scene: &Scene, camera: &Camera, bounds: [usize; 4]) -> Self {
-        if raster::suits(scene, camera, Layer::All, bounds) {
+        if !camera.is_orthographic() && raster::suits(scene, camera, Layer::All, bounds) {
             Self::Draw
         } else {
             Self::Rays
