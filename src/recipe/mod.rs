@@ -19,8 +19,8 @@ mod settings;
 pub use file::RecipeFile;
 pub use problem::RecipeError;
 pub use settings::{
-    Background, Expression, HairSettings, ImageSettings, Lighting, Occluder, Recipe, SubjectSource,
-    Subjects, View, WeightedBackground,
+    Background, Expression, HairSettings, ImageSettings, Lighting, Occluder, Optics, Recipe,
+    SubjectSource, Subjects, View, WeightedBackground,
 };
 
 /// Most bytes of a recipe.

@@ -20,7 +20,7 @@ use light::lightings;
 use occluder::occluders;
 use sampling::sampling;
 use value::{in_range, matching_files};
-use view::{jpeg_quality, sensor, views};
+use view::{check_lenses, jpeg_quality, sensor, views};
 
 pub(super) mod background;
 mod expression;
@@ -63,6 +63,7 @@ pub(crate) fn check(file: RecipeFile, base: &Path) -> Result<Recipe, Problem> {
         sampling: None,
         file,
     };
+    check_lenses(&recipe.file.views, &recipe.image, &root.key("view"))?;
     if let Some(table) = &recipe.file.sampling {
         recipe.sampling = Some(sampling(table, &recipe, &root.key("sampling"))?);
         return Ok(recipe);

@@ -1,11 +1,11 @@
 //! From `[[view]]` and `[sensor]` to viewpoints and what the camera does to the light.
 
-use facile_trace::Sensor;
+use facile_trace::{Samples, Sensor};
 
 use super::value::{in_range, length};
-use crate::recipe::file::{SensorTable, ViewTable};
+use crate::recipe::file::{ProjectionTable, SensorTable, ViewTable};
 use crate::recipe::problem::{Place, Problem};
-use crate::recipe::settings::View;
+use crate::recipe::settings::{ImageSettings, Optics, View};
 
 /// Viewpoints of a recipe, a protection against typing errors.
 const MAX_VIEWS: usize = 1_000_000;
@@ -55,6 +55,7 @@ pub(crate) fn views(tables: &[ViewTable], place: &Place) -> Result<Vec<View>, Pr
         for (k, v) in table.shift.into_iter().enumerate() {
             in_range(v, -1.0..=1.0, "shift", &place.key("shift").index(k))?;
         }
+        let optics = optics(table, &place)?;
         for &yaw in &table.yaw_deg {
             for &pitch in &table.pitch_deg {
                 for &roll in &table.roll_deg {
@@ -66,12 +67,60 @@ pub(crate) fn views(tables: &[ViewTable], place: &Place) -> Result<Vec<View>, Pr
                         distance,
                         target: table.target_mm,
                         shift: table.shift,
+                        optics,
                     });
                 }
             }
         }
     }
     Ok(list)
+}
+
+fn optics(table: &ViewTable, place: &Place) -> Result<Optics, Problem> {
+    let aperture_place = place.key("aperture_mm");
+    let aperture = in_range(
+        table.aperture_mm,
+        0.0..=100.0,
+        "aperture_mm",
+        &aperture_place,
+    )?;
+    let focus_place = place.key("focus_mm");
+    if let Some(focus) = table.focus_mm {
+        in_range(focus, 10.0..=1e5, "focus_mm", &focus_place)?;
+    }
+    if aperture == 0.0 {
+        return match table.focus_mm {
+            Some(_) => Err(focus_place.problem("without aperture_mm everything is in focus")),
+            None if table.projection == ProjectionTable::Orthographic => Ok(Optics::Orthographic),
+            None => Ok(Optics::Pinhole),
+        };
+    }
+    if table.projection == ProjectionTable::Orthographic {
+        return Err(aperture_place.problem("an orthographic view has no lens"));
+    }
+    Ok(Optics::Lens {
+        aperture,
+        focus: table.focus_mm,
+    })
+}
+
+/// A lens is sampled, and adaptive samples look at the pinhole's image only.
+pub(crate) fn check_lenses(
+    tables: &[ViewTable],
+    image: &ImageSettings,
+    place: &Place,
+) -> Result<(), Problem> {
+    if matches!(image.samples, Samples::Count(2..)) {
+        return Ok(());
+    }
+    match tables.iter().position(|t| t.aperture_mm != 0.0) {
+        None => Ok(()),
+        Some(i) => {
+            let message = "a lens needs the same number of samples in each pixel, from 2 on";
+            let problem = place.index(i).key("aperture_mm").problem(message);
+            Err(problem.help("set image.samples to a number, such as 32"))
+        }
+    }
 }
 
 pub(crate) fn jpeg_quality(table: &SensorTable, place: &Place) -> Result<Option<u8>, Problem> {

@@ -99,6 +99,14 @@ pub enum Truth {
     Layers,
     /// Share of each pixel that shows any surface, 8 bit: alpha.
     Coverage,
+    /// Number of the occluder's body that is seen, 8 bit: glasses have a frame, 1, and lenses, 2; others are one body.
+    Instances,
+    /// Cylindrical coordinates `h` and `phi` of the reference head's point that the skin corresponds to, 16 bit.
+    Reference,
+    /// Diffuse colour of the surface before any light, 8-bit sRGB.
+    Albedo,
+    /// Share of the light from sources with a place or direction that arrives, 8 bit; the one map that changes with light.
+    Shadow,
 }
 
 /// `[sensor]`: blur, then brightness, then noise, then compression. Nothing is changed by default.

@@ -20,7 +20,7 @@ pub use light::{Attach, LightTable, SourceKind, SourceTable};
 pub use occluder::{AnchorTable, OccluderKind, OccluderTable, RimTable};
 pub use sampling::SamplingTable;
 pub use subject::{ClothesTable, HairTable, SubjectKind, SubjectsTable};
-pub use view::{BackgroundKind, BackgroundTable, ViewTable};
+pub use view::{BackgroundKind, BackgroundTable, ProjectionTable, ViewTable};
 
 /// A dataset: what is in it, and how it is written.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]

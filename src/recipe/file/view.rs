@@ -22,6 +22,25 @@ pub struct ViewTable {
     /// Motion of the image's content to the right and downwards, as a share of the image's height, each from -1 to 1: the
     /// camera's principal point moves, its direction does not.
     pub shift: [f64; 2],
+    /// How rays come into the camera.
+    pub projection: ProjectionTable,
+    /// Diameter of the lens's opening, from 0, for a pinhole that is sharp everywhere, to 100 mm: 50 mm at f/2 have 25.
+    /// Needs a number of `image.samples`, such as 32. Labels are those of the pinhole.
+    pub aperture_mm: f64,
+    /// Depth that is in focus, from 10 to 100,000 mm; that of the nearer eye if not given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub focus_mm: Option<f64>,
+}
+
+/// How rays come into a camera.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ProjectionTable {
+    /// Through one point: what is near looks large.
+    #[default]
+    Perspective,
+    /// In parallel: everything is as large as `fov_y_deg` shows it at the target.
+    Orthographic,
 }
 
 impl Default for ViewTable {
@@ -34,6 +53,9 @@ impl Default for ViewTable {
             distance_mm: 900.0,
             target_mm: [0.0, -18.0, 10.0],
             shift: [0.0; 2],
+            projection: ProjectionTable::Perspective,
+            aperture_mm: 0.0,
+            focus_mm: None,
         }
     }
 }
