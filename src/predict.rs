@@ -301,13 +301,15 @@ fn sizes(sample: &EncodedSample, recipe: &Recipe) -> [f64; 2] {
     /// Tar files are made of blocks, one of them before each member.
     const BLOCK: usize = 512;
     let record = sample.record.len();
-    let maps: usize = sample.maps.iter().map(|(_, map)| map.len()).sum();
+    let sum = |maps: &[(&str, Vec<u8>)]| maps.iter().map(|(_, map)| map.len()).sum::<usize>();
+    let (maps, lit_maps) = (sum(&sample.maps), sum(&sample.lit_maps));
     let (mut by_view, mut by_image) = (0, record);
     for format in &recipe.formats {
         match format {
             Format::Folder => {
                 by_view += maps + LINE * sample.maps.len();
-                by_image += sample.image.len() + LINE;
+                let files = 1 + sample.lit_maps.len();
+                by_image += sample.image.len() + lit_maps + LINE * files;
             }
             Format::Webdataset => {
                 let member =
@@ -315,7 +317,9 @@ fn sizes(sample: &EncodedSample, recipe: &Recipe) -> [f64; 2] {
                 by_image += sample.members().map(member).sum::<usize>();
             }
             // Landmarks as numbers take about half of what they take as text.
-            Format::Parquet => by_image += sample.image.len() + maps + record + record / 2,
+            Format::Parquet => {
+                by_image += sample.image.len() + maps + lit_maps + record + record / 2;
+            }
         }
     }
     [by_view as f64, by_image as f64]

@@ -117,7 +117,8 @@ pub struct LightRecord {
     pub sources: Vec<LightSource>,
 }
 
-/// The camera: `x_camera = R x_head + t`, `pixel = K x_camera`.
+/// The camera: `x_camera = R x_head + t`, `pixel = K x_camera`, where an orthographic camera takes 1 for the third
+/// component of `x_camera`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[expect(non_snake_case, reason = "the names of the field")]
 pub struct CameraRecord {
@@ -127,6 +128,15 @@ pub struct CameraRecord {
     pub R: [[f64; 3]; 3],
     /// Translation, mm.
     pub t_mm: [f64; 3],
+    /// `orthographic`; perspective if not given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub projection: Option<&'static str>,
+    /// Diameter of the lens's opening, mm; a pinhole's if not given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub aperture_mm: Option<f64>,
+    /// Depth that is in focus, mm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub focus_mm: Option<f64>,
 }
 
 /// The head's turn against a camera that looks it in the face.
@@ -190,10 +200,20 @@ pub(crate) fn rows(m: &Matrix3) -> [[f64; 3]; 3] {
 impl CameraRecord {
     /// The record of a camera.
     pub fn of(camera: &facile_trace::Camera) -> Self {
+        let mut k = *camera.intrinsics();
+        if camera.is_orthographic() {
+            let scale = 1.0 / camera.scale_depth(0.0);
+            k.column_mut(0).scale_mut(scale);
+            k.column_mut(1).scale_mut(scale);
+        }
+        let lens = camera.lens();
         Self {
-            K: rows(camera.intrinsics()),
+            K: rows(&k),
             R: rows(camera.camera_from_world()),
             t_mm: (*camera.translation()).into(),
+            projection: camera.is_orthographic().then_some("orthographic"),
+            aperture_mm: lens.map(|l| rounded(2.0 * l.radius_mm)),
+            focus_mm: lens.map(|l| rounded(l.focus_mm)),
         }
     }
 }

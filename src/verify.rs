@@ -248,10 +248,7 @@ impl Comparison<'_> {
     fn parquet(&mut self, sample: &EncodedSample, unit: u64) {
         let path = self.root.join(write::parquet_name(unit));
         let file = |kind: &str| format!("{kind}.bytes");
-        let maps = sample
-            .maps
-            .iter()
-            .map(|(kind, bytes)| (file(kind), &bytes[..]));
+        let maps = sample.all_maps().map(|(kind, bytes)| (file(kind), bytes));
         let values = [
             (file("image"), &sample.image[..]),
             ("record".to_owned(), sample.record.as_bytes()),

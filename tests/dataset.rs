@@ -20,7 +20,10 @@ seed = 3
 [image]
 size = [48, 40]
 samples = 1
-truth = ["landmarks", "segments", "depth", "normals", "visibility", "occlusion"]
+truth = [
+    "landmarks", "segments", "depth", "normals", "visibility", "occlusion", "amodal", "layers", "coverage", "instances",
+    "reference", "albedo", "shadow",
+]
 
 [subjects]
 sampled = 3
@@ -294,9 +297,14 @@ fn tar_files_hold_what_the_folder_holds() {
                     assert_eq!(bytes, std::fs::read(file).expect("reads"));
                 }
                 _ => {
-                    // Both lightings of a view have the map of the first.
+                    // Both lightings of a view have the map of the first, unless it shows light.
                     let kind = ending.strip_suffix(".png").expect("a map");
-                    let file = output.join(format!("{kind}/{:06}.png", index / 2 * 2));
+                    let first = if kind == "shadow" {
+                        index
+                    } else {
+                        index / 2 * 2
+                    };
+                    let file = output.join(format!("{kind}/{first:06}.png"));
                     assert_eq!(bytes, std::fs::read(file).expect("reads"), "{name}");
                 }
             }
@@ -423,8 +431,10 @@ fn the_schema_of_labels_describes_every_field_of_the_records() {
     let dir = tempfile::tempdir().expect("makes");
     let text = RECIPE.replace(
         "samples = 1",
-        "samples = 1\nlandmarks = [\"ibug68\", \"wflw98\"]",
+        "samples = 4\nlandmarks = [\"ibug68\", \"wflw98\"]",
     );
+    let lens = "[[view]]\naperture_mm = 20\n[[view]]\nprojection = \"orthographic\"\n[[view]]";
+    let text = text.replace("[[view]]", lens);
     let recipe = recipe(dir.path(), &text);
     let output = dir.path().join("out");
     run(&recipe, output.clone(), 2, &Unwatched);

@@ -1,20 +1,22 @@
 //! From a deformed face to views of a scene (paper section 5).
 
 use facile_core::color::LINEAR_FROM_SRGB8;
-use facile_core::{Point3, Vector3};
+use facile_core::{Eye, Point3, Vector3};
 use facile_trace::math::Rgb;
 use facile_trace::occluder::FaceFit;
 use facile_trace::{
-    Camera, HeadScene, Object, RenderSettings, Truth as TraceTruth, View as TracedView,
+    Camera, HeadScene, Lens, Object, RenderSettings, Truth as TraceTruth, View as TracedView,
 };
 
 use super::{Face, Person, Pipeline, hair};
 use crate::Error;
 use crate::recipe::file::Truth;
-use crate::recipe::{ImageSettings, Occluder, View};
+use crate::recipe::{ImageSettings, Occluder, Optics, View};
 
 /// Surfaces of a pixel that the truth `layers` tells of.
 const LAYERS: u32 = 4;
+/// Nearest depth that a lens focuses on by itself, mm.
+const LEAST_FOCUS_MM: f64 = 10.0;
 
 /// Linear light of an sRGB colour.
 pub(super) fn linear(srgb: [u8; 3]) -> Rgb {
@@ -93,7 +95,7 @@ impl Pipeline {
     /// [`Error::Trace`] for an impossible camera.
     pub fn trace(&self, scene: &HeadScene, view: &View) -> Result<TracedView, Error> {
         let image = &self.recipe().image;
-        let camera = camera(view, image)?;
+        let camera = camera(view, image, scene.eyes())?;
         let wants = |t| image.wants(t) || !self.skips().unasked_truth;
         let settings = RenderSettings {
             samples: image.samples,
@@ -106,6 +108,9 @@ impl Pipeline {
                     || wants(Truth::Amodal),
                 coverage: wants(Truth::Coverage),
                 layers: if wants(Truth::Layers) { LAYERS } else { 0 },
+                hit: wants(Truth::Instances) || wants(Truth::Reference),
+                albedo: wants(Truth::Albedo),
+                shadow: wants(Truth::Shadow),
                 ..TraceTruth::default()
             },
             ..RenderSettings::default()
@@ -114,8 +119,8 @@ impl Pipeline {
     }
 }
 
-/// The camera of a view: on a sphere around its target, turned about its own axis.
-fn camera(view: &View, image: &ImageSettings) -> Result<Camera, Error> {
+/// The camera of a view of a head with these eyes: on a sphere around its target, turned about its own axis.
+fn camera(view: &View, image: &ImageSettings, eyes: &[Eye; 2]) -> Result<Camera, Error> {
     let target = Point3::from(view.target);
     let (yaw_sin, yaw_cos) = libm::sincos(view.yaw);
     let (pitch_sin, pitch_cos) = libm::sincos(view.pitch);
@@ -126,21 +131,29 @@ fn camera(view: &View, image: &ImageSettings) -> Result<Camera, Error> {
     let up = backward.cross(&right) * roll_cos + right * roll_sin;
     let position = target + backward * view.distance;
     let (width, height) = (image.width as usize, image.height as usize);
-    let camera = Camera::look_at(width, height, position, target, up, view.fov_y)?;
-    if view.shift == [0.0; 2] {
-        return Ok(camera);
+    let mut camera = Camera::look_at(width, height, position, target, up, view.fov_y)?;
+    if view.shift != [0.0; 2] {
+        let mut intrinsics = *camera.intrinsics();
+        intrinsics[(0, 2)] += view.shift[0] * f64::from(image.height);
+        intrinsics[(1, 2)] += view.shift[1] * f64::from(image.height);
+        let (rotation, translation) = (*camera.camera_from_world(), *camera.translation());
+        camera = Camera::from_matrices(width, height, intrinsics, rotation, translation)?;
     }
-    let mut intrinsics = *camera.intrinsics();
-    intrinsics[(0, 2)] += view.shift[0] * f64::from(image.height);
-    intrinsics[(1, 2)] += view.shift[1] * f64::from(image.height);
-    let (rotation, translation) = (*camera.camera_from_world(), *camera.translation());
-    Ok(Camera::from_matrices(
-        width,
-        height,
-        intrinsics,
-        rotation,
-        translation,
-    )?)
+    Ok(match view.optics {
+        Optics::Pinhole => camera,
+        Optics::Orthographic => camera.orthographic(view.distance)?,
+        Optics::Lens { aperture, focus } => {
+            // Photographers focus on the nearer eye
+            let near = |eye: &Eye| camera.point_in_camera(&eye.center).z - eye.radius;
+            let nearer = eyes.iter().map(near).fold(f64::INFINITY, f64::min);
+            let focus_mm = focus.unwrap_or_else(|| nearer.max(LEAST_FOCUS_MM));
+            let radius_mm = aperture / 2.0;
+            camera.with_lens(Lens {
+                radius_mm,
+                focus_mm,
+            })?
+        }
+    })
 }
 
 #[cfg(test)]
@@ -158,6 +171,7 @@ mod tests {
             distance: 900.0,
             target: [1.0, -20.0, 5.0],
             shift: [0.0; 2],
+            optics: Optics::Pinhole,
         };
         let image = ImageSettings {
             width: 64,
@@ -170,7 +184,8 @@ mod tests {
             background: [0; 3],
             box_margin: 0.0,
         };
-        let camera = camera(&view, &image).expect("possible");
+        let eyes = facile_core::ReferenceHead::embedded().eyes;
+        let camera = camera(&view, &image, &eyes).expect("possible");
         let (px, depth) = camera
             .project(&Point3::new(1.0, -20.0, 5.0))
             .expect("in front");

@@ -159,7 +159,8 @@ impl Scheme {
                 // The subject's left is to the right in a frontal image.
                 let outwards = |point: &SurfacePoint| {
                     let p = point.position(&face.positions, &mesh.triangles);
-                    let depth = camera.project(&p).map_or(f64::MAX, |(_, z)| z);
+                    let projected = camera.project(&p);
+                    let depth = projected.map_or(f64::MAX, |(_, z)| camera.scale_depth(z));
                     let away = (p - camera.position()).dot(&right) / depth;
                     away * side
                 };

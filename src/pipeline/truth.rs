@@ -3,12 +3,10 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use facile_core::{Plane, Segment, Subject};
-use facile_trace::{
-    Camera, HeadScene, Hit, Layer, LayerMaps, Occlusion, Ray, Scene as TracedScene,
-    View as TracedView,
-};
+use facile_core::{Segment, Subject};
+use facile_trace::{Camera, HeadScene, Hit, Layer, Ray, Scene as TracedScene, View as TracedView};
 
+use super::maps::Maps;
 use super::schemes::Placed;
 use super::{BackgroundRecord, Face, Person, Pipeline};
 use crate::recipe::file::Truth;
@@ -23,37 +21,6 @@ use crate::write::{image_name, map_name};
 /// A landmark is seen if nothing lies in front of it by more than this, mm: it sits on the surface itself, and the lips'
 /// and lids' rims curve away under it.
 const LANDMARK_TOLERANCE: f64 = 1.0;
-/// Finest depth of a 16-bit map, steps per mm; halved until the map reaches behind the head.
-const FINEST_DEPTH_STEPS_PER_MM: f64 = 64.0;
-/// Depth behind the head's origin that maps must reach, mm.
-const DEPTH_BEHIND: f64 = 400.0;
-
-/// The maps of a view. Row 0 is the top.
-#[derive(Clone, Debug, Default)]
-pub struct Maps {
-    /// Ids of [`Segment`]; 0 where nothing is.
-    pub segments: Option<Plane<u8>>,
-    /// Depth along the optical axis, mm; infinite where nothing is.
-    pub depth_z: Option<Plane<f32>>,
-    /// Steps of the 16-bit depth in files for each mm, a power of two.
-    pub depth_steps_per_mm: f64,
-    /// Unit normals in the camera's frame; zero where nothing is.
-    pub normals: Option<Plane<[f32; 3]>>,
-    /// 255 where the head is seen, directly or through something transparent.
-    pub visibility: Option<Plane<u8>>,
-    /// 0 no head, 1 seen, 2 covered, 3 seen through something transparent.
-    pub occlusion: Option<Plane<u8>>,
-    /// Ids of [`Segment`] as if there were no occluders; 0 where nothing is.
-    pub amodal: Option<Plane<u8>>,
-    /// Ids of [`Segment`] of the first surfaces of each pixel: a plane for each, the nearest surface's first, one below the
-    /// other; 0 where there is none.
-    pub layers: Option<Plane<u8>>,
-    /// Their depths, mm, likewise; infinite where there is none.
-    pub layer_depth_z: Option<Plane<f32>>,
-    /// 255 times the share of each pixel that shows any surface.
-    pub coverage: Option<Plane<u8>>,
-}
-
 /// The ground truth of a view, whatever the light.
 #[derive(Clone, Debug)]
 pub struct ViewTruth {
@@ -99,32 +66,10 @@ impl Pipeline {
                 landmarks.insert(scheme.name.clone(), record);
             }
         }
-        let buffer = &traced.gbuffer;
-        let asked = |truth| image.wants(truth).then_some(());
-        let occlusion = buffer.occlusion.as_ref();
-        let seen = [Occlusion::Visible as u8, Occlusion::Through as u8];
-        let visible = |code: &u8| if seen.contains(code) { 255 } else { 0 };
-        let maps = Maps {
-            segments: asked(Truth::Segments).and(buffer.segment.clone()),
-            depth_z: asked(Truth::Depth).and(buffer.depth_z.clone()),
-            depth_steps_per_mm: depth_steps_per_mm(camera),
-            normals: asked(Truth::Normals).and(buffer.normal_in_camera.clone()),
-            visibility: occlusion
-                .filter(|_| image.wants(Truth::Visibility))
-                .map(|plane| plane.map(visible)),
-            occlusion: occlusion.filter(|_| image.wants(Truth::Occlusion)).cloned(),
-            amodal: asked(Truth::Amodal).and(buffer.amodal_segment.clone()),
-            layers: asked(Truth::Layers).and_then(|()| stacked(&buffer.layers, |l| &l.segment)),
-            layer_depth_z: asked(Truth::Layers)
-                .and_then(|()| stacked(&buffer.layers, |l| &l.depth_z)),
-            coverage: asked(Truth::Coverage)
-                .and(buffer.coverage.as_ref())
-                .map(|plane| plane.map(|share| (share * 255.0).round() as u8)),
-        };
         ViewTruth {
             landmarks,
             face_box_px: self.face_box(face, camera),
-            maps: Arc::new(maps),
+            maps: Arc::new(Maps::of(image, self.reference(), scene, traced)),
         }
     }
 
@@ -158,6 +103,14 @@ impl Pipeline {
     ) -> Record {
         let recipe = self.recipe();
         let lighting = &scene.lighting;
+        let mut maps = truth.maps.records(first);
+        if recipe.image.wants(Truth::Shadow) {
+            let record = MapRecord {
+                file: map_name("shadow", index),
+                steps_per_mm: None,
+            };
+            maps.insert("shadow", record);
+        }
         Record {
             index,
             image: image_name(index, recipe.image.encoding),
@@ -184,7 +137,7 @@ impl Pipeline {
             face_square_px: square(truth.face_box_px, 0.0),
             face_margin_px: square(truth.face_box_px, recipe.image.box_margin),
             landmarks: truth.landmarks.clone(),
-            maps: map_records(first, &truth.maps),
+            maps,
         }
     }
 
@@ -211,20 +164,6 @@ impl Pipeline {
             equilibrium: face.certificate.clone(),
         }
     }
-}
-
-/// The planes of all layers, one below the other; `None` without layers.
-fn stacked<T: Clone>(
-    layers: &[LayerMaps],
-    plane: impl Fn(&LayerMaps) -> &Plane<T>,
-) -> Option<Plane<T>> {
-    let first = plane(layers.first()?);
-    let values: Vec<T> = layers
-        .iter()
-        .flat_map(|layer| plane(layer).as_slice().iter().cloned())
-        .collect();
-    let rows = first.height() * layers.len();
-    Some(Plane::from_vec(first.width(), rows, values))
 }
 
 /// Projects landmarks and finds what hides each.
@@ -311,41 +250,6 @@ fn behind_clear(scene: &TracedScene, ray: &Ray, mut hit: Option<Hit>) -> Option<
         hit = scene.closest_hit(&rest, Layer::BehindOccluders);
     }
     hit
-}
-
-/// The same for all views from one distance.
-fn depth_steps_per_mm(camera: &Camera) -> f64 {
-    let reach = camera.position().coords.norm() + DEPTH_BEHIND;
-    let mut steps = FINEST_DEPTH_STEPS_PER_MM;
-    while reach * steps > f64::from(u16::MAX) {
-        steps /= 2.0;
-    }
-    steps
-}
-
-fn map_records(first: u64, maps: &Maps) -> BTreeMap<&'static str, MapRecord> {
-    let kinds = [
-        ("segments", maps.segments.is_some()),
-        ("depth", maps.depth_z.is_some()),
-        ("normals", maps.normals.is_some()),
-        ("visibility", maps.visibility.is_some()),
-        ("occlusion", maps.occlusion.is_some()),
-        ("amodal", maps.amodal.is_some()),
-        ("layers", maps.layers.is_some()),
-        ("layer_depth", maps.layer_depth_z.is_some()),
-        ("coverage", maps.coverage.is_some()),
-    ];
-    let present = kinds.into_iter().filter(|(_, is_there)| *is_there);
-    present
-        .map(|(kind, _)| {
-            let record = MapRecord {
-                file: map_name(kind, first),
-                steps_per_mm: (kind == "depth" || kind == "layer_depth")
-                    .then_some(maps.depth_steps_per_mm),
-            };
-            (kind, record)
-        })
-        .collect()
 }
 
 #[cfg(test)]

@@ -12,11 +12,14 @@ use facile_core::rng::RandomStream;
 use facile_core::{Plane, Subject};
 use facile_sim::{Pose, Solver};
 use facile_trace::{HeadScene, Object, View as TracedView};
+use serde_json::Value;
 
-use super::truth::{Maps, ViewTruth};
+use super::maps::Maps;
+use super::truth::ViewTruth;
 use super::{Face, Person, Pipeline, Work};
 use crate::Error;
 use crate::plan::Grid;
+use crate::recipe::file::Truth;
 use crate::recipe::{Occluder, Recipe, View};
 use crate::record::Record;
 use crate::write::encode_jpeg;
@@ -38,6 +41,8 @@ pub struct Sample {
     pub maps: Arc<Maps>,
     /// Whether the maps' files are named after this sample.
     pub owns_maps: bool,
+    /// 255 times the share of directed light that arrives, if the recipe asks for it: the one map that depends on light.
+    pub shadow: Option<Plane<u8>>,
 }
 
 /// What a worker knows of the current face.
@@ -158,15 +163,18 @@ impl Worker {
         posed.scene.scene.backdrop = behind.backdrop;
         let recipe = pipeline.recipe();
         let mut noise = RandomStream::new(recipe.seed, SENSOR_STREAMS | index);
-        let image = pipeline.clock().time(Work::Shading, || {
+        let (image, shadow) = pipeline.clock().time(Work::Shading, || {
             let shaded = traced
                 .traced
                 .shade(&posed.scene.scene, &scene.lighting.sources)?;
             let image = recipe.sensor.develop(&shaded.color, &mut noise);
-            match recipe.jpeg_quality {
-                Some(quality) => through_jpeg(&image, quality),
-                None => Ok(image),
-            }
+            let image = match recipe.jpeg_quality {
+                Some(quality) => through_jpeg(&image, quality)?,
+                None => image,
+            };
+            let asked = shaded.shadow.filter(|_| recipe.image.wants(Truth::Shadow));
+            let shadow = asked.map(|plane| plane.map(|share| (share * 255.0).round() as u8));
+            Ok::<_, Error>((image, shadow))
         })?;
         let first = index - index % self.grid.lightings;
         let record = pipeline.record(
@@ -184,6 +192,7 @@ impl Worker {
             record,
             maps: traced.truth.maps.clone(),
             owns_maps: first == index,
+            shadow,
         })
     }
 
@@ -311,14 +320,12 @@ fn through_jpeg(image: &Plane<[u8; 3]>, quality: u8) -> Result<Plane<[u8; 3]>, E
 }
 
 /// Renders one image of a subject that is there already. `tables` holds the recipe's tables `image`, `sensor`,
-/// `hair`, `clothes`, `expression`, `light`, `view`, `background` and `occluder`, each at most once and without the list around it.
+/// `hair`, `clothes`, `expression`, `light`, `view`, `background` and `occluder`, each at most once and without the list
+/// around it. The subject counts as a scan, which wears hair and clothes if there are tables of them.
 ///
 /// # Errors
 /// [`Error::Recipe`] for tables that are wrong; whatever a stage reports.
-pub fn render_subject(
-    subject: &Subject,
-    tables: &BTreeMap<&str, serde_json::Value>,
-) -> Result<Sample, Error> {
+pub fn render_subject(subject: &Subject, tables: &BTreeMap<&str, Value>) -> Result<Sample, Error> {
     let mut recipe = serde_json::json!({
         "dataset": { "name": "render" },
         "subjects": { "sampled": 1 },
@@ -326,8 +333,16 @@ pub fn render_subject(
     for (name, table) in tables {
         recipe[*name] = match *name {
             "image" | "sensor" | "hair" | "clothes" => table.clone(),
-            _ => serde_json::Value::Array(vec![table.clone()]),
+            _ => Value::Array(vec![table.clone()]),
         };
+    }
+    // Who is given hair or clothes wears them, wherever the subject comes from
+    for name in ["hair", "clothes"] {
+        if let Some(table) = recipe.get_mut(name).and_then(Value::as_object_mut) {
+            table
+                .entry("on")
+                .or_insert_with(|| serde_json::json!(["scan"]));
+        }
     }
     let pipeline = Arc::new(Pipeline::new(Recipe::from_json(&recipe, Path::new(""))?)?);
     let person = Person::new(subject.clone(), "given", None, Vec::new());

@@ -6,25 +6,21 @@
 use std::io::Read as _;
 use std::path::Path;
 
-use check_background::Surroundings;
+use check::background::Surroundings;
 use facile_trace::LightSource;
 
 use crate::Error;
 
 mod check;
-mod check_background;
-mod check_sampling;
-mod check_scene;
 pub mod file;
 mod problem;
-pub mod sampling_file;
 mod settings;
 
 pub use file::RecipeFile;
 pub use problem::RecipeError;
 pub use settings::{
-    Background, Expression, HairSettings, ImageSettings, Lighting, Occluder, Recipe, SubjectSource,
-    Subjects, View, WeightedBackground,
+    Background, Expression, HairSettings, ImageSettings, Lighting, Occluder, Optics, Recipe,
+    SubjectSource, Subjects, View, WeightedBackground,
 };
 
 /// Most bytes of a recipe.
@@ -86,7 +82,7 @@ pub(crate) fn drawn_lighting(table: &file::LightTable, base: &Lighting) -> Resul
     });
     let surroundings = Surroundings::known(maps.collect());
     let (tables, place) = (std::slice::from_ref(table), problem::Place::default());
-    let mut list = check_scene::lightings(tables, &surroundings, &place).map_err(|problem| {
+    let mut list = check::light::lightings(tables, &surroundings, &place).map_err(|problem| {
         Error::Internal {
             reason: format!("light `{}` as drawn: {problem}", table.name),
         }

@@ -296,6 +296,24 @@ pub struct View {
     pub target: [f64; 3],
     /// Motion of the content to the right and downwards, shares of the image's height.
     pub shift: [f64; 2],
+    /// How rays come in.
+    pub optics: Optics,
+}
+
+/// How rays come into the camera.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Optics {
+    /// Through one point.
+    Pinhole,
+    /// In parallel; what the image's height spans at the target it spans everywhere.
+    Orthographic,
+    /// Through a lens.
+    Lens {
+        /// Diameter of its opening, mm.
+        aperture: f64,
+        /// Depth in focus, mm; that of the nearer eye if not given.
+        focus: Option<f64>,
+    },
 }
 
 /// Light sources that shine at the same time.

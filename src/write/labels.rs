@@ -66,11 +66,7 @@ pub(super) fn labels_schema() -> Value {
                 "sources": { "type": "array", "description": "sources that shine together; intensity 1 lights a white surface \
                     that faces the source to 1, of point and spot sources at 1,000 mm; positions in mm" },
             })),
-            "camera": object("pixel = K (R x + t), divided by its third component", json!({
-                "K": rows("intrinsics, px"),
-                "R": rows("camera from head"),
-                "t_mm": numbers(3, "camera from head"),
-            })),
+            "camera": camera(),
             "head_pose": object("turn of the head against a camera that looks it in the face", json!({
                 "yaw_deg": number("to the left in the image"),
                 "pitch_deg": number("upwards"),
@@ -93,6 +89,24 @@ pub(super) fn labels_schema() -> Value {
     schema["$schema"] = json!("https://json-schema.org/draft/2020-12/schema");
     schema["title"] = json!("labels of one image");
     schema
+}
+
+fn camera() -> Value {
+    let mut camera = object(
+        "pixel = K (R x + t), divided by its third component",
+        json!({
+            "K": rows("intrinsics, px; px / mm of an orthographic camera"),
+            "R": rows("camera from head"),
+            "t_mm": numbers(3, "camera from head"),
+        }),
+    );
+    camera["properties"]["projection"] = text(
+        "orthographic: pixel = K v, where v is R x + t with its third component set to 1; perspective if not given",
+    );
+    camera["properties"]["aperture_mm"] =
+        number("diameter of the lens's opening; all labels are those of the pinhole in its middle");
+    camera["properties"]["focus_mm"] = number("depth that the lens has in focus");
+    camera
 }
 
 fn subject() -> Value {
@@ -185,6 +199,10 @@ fn maps() -> Value {
             "layers": map("classes of the first four surfaces of each pixel, 8 bit: four images one below the other, the nearest surface on top; 0 where there is none", json!({})),
             "layer_depth": map("their depths along the optical axis, 16 bit, likewise: value / steps_per_mm; 0 where there is none", json!({})),
             "coverage": map("share of the pixel that shows any surface: value / 255", json!({})),
+            "instances": map("number of the occluder's body that is seen at each pixel's centre, 8 bit: of glasses 1 the frame, 2 the lenses, of others 1; 0 elsewhere", json!({})),
+            "reference": map("cylindrical coordinates of the reference head's point that the skin at each pixel's centre corresponds to, 16 bit: two images one below the other, h_mm = value / 64 - 512 on top, phi_deg = (value - 32768) 180 / 32767, to the subject's left; 0 where there is no skin", json!({})),
+            "albedo": map("diffuse colour of the surface at each pixel's centre before any light, 8-bit sRGB; black where nothing is", json!({})),
+            "shadow": map("share of the light from sources with a place or direction that arrives at each pixel's centre: value / 255; 255 where none could. Each image has its own", json!({})),
             "occlusion": map("0 no head, 1 seen, 2 covered by an occluder, 3 seen through something transparent", json!({})),
         },
     })

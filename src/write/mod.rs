@@ -37,7 +37,7 @@ pub use webdataset::{WEBDATASET, tar_name};
 /// Folder of the images.
 pub const IMAGES: &str = "images";
 /// Folders of the maps, by kind of truth.
-pub const MAP_FOLDERS: [&str; 9] = [
+pub const MAP_FOLDERS: [&str; 13] = [
     "segments",
     "depth",
     "normals",
@@ -47,4 +47,8 @@ pub const MAP_FOLDERS: [&str; 9] = [
     "layers",
     "layer_depth",
     "coverage",
+    "instances",
+    "reference",
+    "albedo",
+    "shadow",
 ];

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use facile_core::Plane;
+use facile_core::color::srgb8_from_linear;
 
 use super::IMAGES;
 use super::coco::coco_line;
@@ -32,6 +33,8 @@ pub struct EncodedSample {
     pub maps: EncodedMaps,
     /// Whether the maps' files in a folder are named after this sample.
     pub owns_maps: bool,
+    /// Kind and PNG of each map that depends on the light: always this sample's own.
+    pub lit_maps: Vec<(&'static str, Vec<u8>)>,
 }
 
 impl EncodedSample {
@@ -41,6 +44,7 @@ impl EncodedSample {
         let own = if self.owns_maps { &self.maps[..] } else { &[] };
         let maps = own
             .iter()
+            .chain(&self.lit_maps)
             .map(|(kind, bytes)| (map_name(kind, self.index), &bytes[..]));
         std::iter::once((image, &self.image[..])).chain(maps)
     }
@@ -48,9 +52,8 @@ impl EncodedSample {
     /// The members of this sample in a tar file: what comes after the stem, and content.
     pub fn members(&self) -> impl Iterator<Item = (String, &[u8])> {
         let maps = self
-            .maps
-            .iter()
-            .map(|(kind, bytes)| (format!("{kind}.png"), &bytes[..]));
+            .all_maps()
+            .map(|(kind, bytes)| (format!("{kind}.png"), bytes));
         [
             ("json".to_owned(), self.record.as_bytes()),
             (self.encoding.extension().to_owned(), &self.image[..]),
@@ -59,9 +62,15 @@ impl EncodedSample {
         .chain(maps)
     }
 
+    /// Kind and PNG of every map of this sample.
+    pub fn all_maps(&self) -> impl Iterator<Item = (&'static str, &[u8])> {
+        let maps = self.maps.iter().chain(&self.lit_maps);
+        maps.map(|(kind, bytes)| (*kind, &bytes[..]))
+    }
+
     /// Size of the files, bytes.
     pub fn len(&self) -> usize {
-        let maps: usize = self.maps.iter().map(|(_, bytes)| bytes.len()).sum();
+        let maps: usize = self.all_maps().map(|(_, bytes)| bytes.len()).sum();
         self.image.len() + maps + self.record.len()
     }
 
@@ -109,6 +118,10 @@ impl<'a> Encoder<'a> {
             image: encode_image(&sample.image, settings)?,
             maps,
             owns_maps: sample.owns_maps,
+            lit_maps: match &sample.shadow {
+                Some(shadow) => vec![("shadow", encode_gray8(shadow)?)],
+                None => Vec::new(),
+            },
         })
     }
 
@@ -155,6 +168,21 @@ fn encode_maps(maps: &Maps) -> Result<Vec<(&'static str, Vec<u8>)>, Error> {
         ("layers", gray(&maps.layers)?),
         ("layer_depth", deep(&maps.layer_depth_z)?),
         ("coverage", gray(&maps.coverage)?),
+        ("instances", gray(&maps.instances)?),
+        (
+            "reference",
+            maps.reference
+                .as_ref()
+                .map(|plane| encode_gray16(&reference16(plane)))
+                .transpose()?,
+        ),
+        (
+            "albedo",
+            maps.albedo
+                .as_ref()
+                .map(|plane| encode_rgb8(&plane.map(|c| c.map(srgb8_from_linear))))
+                .transpose()?,
+        ),
     ];
     let present = encoded
         .into_iter()
@@ -174,6 +202,20 @@ fn depth16(plane: &Plane<f32>, steps_per_mm: f64) -> Plane<u16> {
     })
 }
 
+/// `h` above `phi`: `64 (h + 512)` in mm, and `32768 + 32767 phi / 180` in degrees; 0 where there is no skin.
+fn reference16(plane: &Plane<[f32; 2]>) -> Plane<u16> {
+    let h = |h: f32| ((f64::from(h) + 512.0) * 64.0).round().clamp(1.0, 65_535.0);
+    let phi = |phi: f32| {
+        let turned = (f64::from(phi) / std::f64::consts::PI * 32_767.0).round();
+        (32_768.0 + turned).clamp(1.0, 65_535.0)
+    };
+    let all = plane.as_slice();
+    let code = |v: f32, code: f64| if v.is_nan() { 0 } else { code as u16 };
+    let rows = all.iter().map(|[v, _]| code(*v, h(*v)));
+    let codes = rows.chain(all.iter().map(|[_, v]| code(*v, phi(*v))));
+    Plane::from_vec(plane.width(), 2 * plane.height(), codes.collect())
+}
+
 /// Normals as `127.5 (n + 1)`; grey where nothing is.
 fn normals8(maps: &Maps) -> Option<Plane<[u8; 3]>> {
     maps.normals
@@ -184,6 +226,22 @@ fn normals8(maps: &Maps) -> Option<Plane<[u8; 3]>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn reference_coordinates_decode_to_half_a_step() {
+        let pi = std::f32::consts::PI;
+        let values = [[-213.456, -pi], [120.5, pi], [0.0, 0.3], [f32::NAN; 2]];
+        let codes = reference16(&Plane::from_vec(2, 2, values.to_vec()));
+        assert_eq!((codes.width(), codes.height()), (2, 4));
+        let codes = codes.as_slice();
+        for (i, [h, phi]) in values.into_iter().take(3).enumerate() {
+            let found = f64::from(codes[i]) / 64.0 - 512.0;
+            assert!((found - f64::from(h)).abs() <= 0.5 / 64.0 + 1e-5);
+            let found = (f64::from(codes[4 + i]) - 32_768.0) / 32_767.0 * 180.0;
+            assert!((found - f64::from(phi).to_degrees()).abs() <= 90.0 / 32_767.0 + 1e-5);
+        }
+        assert_eq!([codes[3], codes[7]], [0, 0]);
+    }
 
     #[test]
     fn depth_and_normals_decode_to_half_a_step() {

@@ -76,8 +76,26 @@ segments! {
     GlassesFrame = 30, "glasses_frame";
     /// Lenses of glasses.
     GlassesLens = 31, "glasses_lens";
+    /// Surgical mask.
+    SurgicalMask = 32, "surgical_mask";
+    /// Scarf.
+    Scarf = 33, "scarf";
+    /// Cap.
+    Cap = 34, "cap";
+    /// Hat.
+    Hat = 35, "hat";
+    /// Head band.
+    HeadBand = 36, "head_band";
+    /// Headphones.
+    Headphones = 37, "headphones";
+    /// A hand that is no part of the scan.
+    Hand = 38, "hand";
+    /// A pole.
+    Bar = 39, "bar";
     /// Any other occluder, or a mesh without a class.
     Other = 40, "other";
+    /// Hair over the forehead that is put there as an occluder.
+    Fringe = 41, "fringe";
 }
 
 impl Segment {

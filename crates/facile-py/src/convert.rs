@@ -45,12 +45,12 @@ pub(crate) fn planes<'py, T: numpy::Element + Clone>(
     planes.as_slice().to_vec().into_pyarray(py).reshape(shape)
 }
 
-/// A plane of triples as an `(h, w, 3)` array, which takes over its memory.
-pub(crate) fn plane3<T: numpy::Element>(
+/// A plane of `N` numbers a pixel as an `(h, w, N)` array, which takes over its memory.
+pub(crate) fn pixels<T: numpy::Element, const N: usize>(
     py: Python<'_>,
-    plane: Plane<[T; 3]>,
+    plane: Plane<[T; N]>,
 ) -> PyResult<Bound<'_, PyArray3<T>>> {
-    let shape = [plane.height(), plane.width(), 3];
+    let shape = [plane.height(), plane.width(), N];
     plane
         .into_vec()
         .into_flattened()

@@ -14,7 +14,7 @@ use pyo3::exceptions::{PyIndexError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyType};
 
-use crate::convert::{from_json, plane, plane3, planes, to_json};
+use crate::convert::{from_json, pixels, plane, planes, to_json};
 use crate::errors::{exception, heavy};
 use crate::subject::Subject;
 
@@ -34,7 +34,6 @@ fn recipe(value: &Bound<'_, PyAny>) -> PyResult<Recipe> {
 fn sample_dict(py: Python<'_>, sample: Sample) -> PyResult<Bound<'_, PyDict>> {
     let dict = PyDict::new(py);
     let height = sample.image.height();
-    dict.set_item("image", plane3(py, sample.image)?)?;
     dict.set_item("record", from_json(py, &sample.record.to_json())?)?;
     let maps = &sample.maps;
     for (name, map) in [
@@ -43,6 +42,8 @@ fn sample_dict(py: Python<'_>, sample: Sample) -> PyResult<Bound<'_, PyDict>> {
         ("occlusion", &maps.occlusion),
         ("amodal", &maps.amodal),
         ("coverage", &maps.coverage),
+        ("instances", &maps.instances),
+        ("shadow", &sample.shadow),
     ] {
         if let Some(map) = map {
             dict.set_item(name, plane(py, map)?)?;
@@ -55,9 +56,15 @@ fn sample_dict(py: Python<'_>, sample: Sample) -> PyResult<Bound<'_, PyDict>> {
         dict.set_item("layers", planes(py, segments, height)?)?;
         dict.set_item("layer_depth_mm", planes(py, depths, height)?)?;
     }
-    if let Some(map) = &maps.normals {
-        dict.set_item("normals", plane3(py, map.clone())?)?;
+    for (name, map) in [("normals", &maps.normals), ("albedo", &maps.albedo)] {
+        if let Some(map) = map {
+            dict.set_item(name, pixels(py, map.clone())?)?;
+        }
     }
+    if let Some(map) = &maps.reference {
+        dict.set_item("reference", pixels(py, map.clone())?)?;
+    }
+    dict.set_item("image", pixels(py, sample.image)?)?;
     Ok(dict)
 }
 
@@ -223,8 +230,15 @@ pub(crate) fn verify(py: Python<'_>, dataset: PathBuf) -> PyResult<Bound<'_, PyA
 }
 
 /// Renders one image of a subject.
+#[expect(
+    clippy::too_many_arguments,
+    reason = "keyword arguments of a Python function"
+)]
 #[pyfunction]
-#[pyo3(signature = (subject, *, expression=None, light=None, view=None, occluder=None, image=None))]
+#[pyo3(signature = (
+    subject, *, expression=None, light=None, view=None, occluder=None, image=None, hair=None, clothes=None,
+    background=None, sensor=None,
+))]
 pub(crate) fn render<'py>(
     py: Python<'py>,
     subject: &Subject,
@@ -233,6 +247,10 @@ pub(crate) fn render<'py>(
     view: Option<&Bound<'py, PyAny>>,
     occluder: Option<&Bound<'py, PyAny>>,
     image: Option<&Bound<'py, PyAny>>,
+    hair: Option<&Bound<'py, PyAny>>,
+    clothes: Option<&Bound<'py, PyAny>>,
+    background: Option<&Bound<'py, PyAny>>,
+    sensor: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let mut tables = BTreeMap::new();
     for (name, table) in [
@@ -241,6 +259,10 @@ pub(crate) fn render<'py>(
         ("view", view),
         ("occluder", occluder),
         ("image", image),
+        ("hair", hair),
+        ("clothes", clothes),
+        ("background", background),
+        ("sensor", sensor),
     ] {
         if let Some(table) = table {
             tables.insert(name, to_json(table)?);

@@ -70,6 +70,38 @@ def test_a_subject_is_rendered(subject):
     assert sample["image"].std() > 10
 
 
+def test_a_render_wears_what_it_is_told(subject):
+    size = {"size": [64, 64], "samples": 1, "truth": ["segments", "albedo", "reference", "shadow", "instances"]}
+    bare = facile.render(subject, image=size)
+    worn = facile.render(
+        subject,
+        image=size,
+        hair={"styles": ["bob01"], "colors": [[150, 60, 30]]},
+        clothes={"colors": [[20, 90, 200]]},
+        background={"kind": "color", "color": [1, 2, 3]},
+        occluder={"kind": "glasses"},
+        view={"projection": "orthographic"},
+    )
+    hair, clothes = 23, 24
+    assert not np.isin(bare["segments"], [hair, clothes]).any()
+    assert (worn["segments"] == hair).sum() > 100 and (worn["segments"] == clothes).sum() > 50
+    assert worn["record"]["subject"]["hair"] == {"style": "bob01", "color": [150, 60, 30]}
+    assert worn["record"]["camera"]["projection"] == "orthographic"
+    assert (worn["image"][worn["segments"] == 0] == [1, 2, 3]).all()
+    assert worn["albedo"].shape == (64, 64, 3) and worn["albedo"].dtype == np.float32
+    assert worn["reference"].shape == (64, 64, 2)
+    skin = np.isfinite(worn["reference"][..., 0])
+    assert skin[worn["segments"] == 7].all() and not skin[worn["segments"] == 0].any()
+    assert set(np.unique(worn["instances"])) == {0, 1, 2}
+    assert worn["shadow"].shape == (64, 64) and worn["shadow"].dtype == np.uint8
+    darker = facile.render(subject, image=size, sensor={"exposure_stops": -2})
+    assert darker["image"].mean() < 0.8 * bare["image"].mean()
+    lens = facile.render(subject, image={"size": [64, 64], "samples": 4}, view={"aperture_mm": 30})
+    assert lens["record"]["camera"]["aperture_mm"] == 30
+    with pytest.raises(facile.RecipeError, match="mohawk"):
+        facile.render(subject, hair={"styles": ["mohawk"]})
+
+
 def test_errors_say_what_is_wrong(subject):
     with pytest.raises(facile.SimError, match="zygomatic_mayor"):
         subject.pose(muscles={"zygomatic_mayor": 0.5})

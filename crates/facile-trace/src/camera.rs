@@ -1,16 +1,20 @@
-//! The pinhole camera.
+//! The camera: a pinhole, a thin lens in its place, or parallel rays.
 //!
 //! Axes as in `OpenCV`: `x` right, `y` down, `z` forward, `x_in_camera = R x_in_world + t`, pixel = `K x_in_camera`.
 //! Pixel `(i, j)` covers `[i, i + 1) x [j, j + 1)` from the upper left corner and its centre is `(i + 0.5, j + 0.5)`.
 //! `OpenCV` itself puts pixel centres at whole numbers: subtract 0.5 from `K`'s principal point to compare with it.
+//!
+//! An orthographic camera is a pinhole whose rays are made parallel: everything appears as large as the pinhole sees it at
+//! one depth `d`, so that pixel = `K (x, y, d) / d` for any depth. Backdrops are seen through the pinhole still.
 
 use facile_core::{Matrix3, Point3, Vector3};
 
 use crate::TraceError;
+use crate::lens::Lens;
 use crate::math::{Vec3, vec3_from_point};
 use crate::ray::Ray;
 
-/// A pinhole camera and the size of its image.
+/// A camera and the size of its image.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Camera {
     width: usize,
@@ -23,6 +27,9 @@ pub struct Camera {
     corner: Vector3,
     step_x: Vector3,
     step_y: Vector3,
+    /// Depth whose scale all depths have, mm, of an orthographic camera.
+    parallel_at: Option<f64>,
+    lens: Option<Lens>,
 }
 
 impl Camera {
@@ -84,6 +91,8 @@ impl Camera {
             corner,
             step_x: inverse(1.0, 0.0) - corner,
             step_y: inverse(0.0, 1.0) - corner,
+            parallel_at: None,
+            lens: None,
         })
     }
 
@@ -130,6 +139,54 @@ impl Camera {
         Self::from_matrices(width, height, intrinsics, rotation, translation)
     }
 
+    /// The same camera with parallel rays, which start at its position's depth: everything appears as large as it does at
+    /// `depth_z`, mm.
+    ///
+    /// # Errors
+    /// [`TraceError::Setting`] for a depth that is not a length, or with a lens.
+    pub fn orthographic(mut self, depth_z: f64) -> Result<Self, TraceError> {
+        if !(depth_z > 0.0 && depth_z.is_finite()) || self.lens.is_some() {
+            return Err(TraceError::Setting {
+                name: "orthographic camera",
+                expected: "a depth over 0 and no lens",
+                got: format!("a depth of {depth_z} and lens {:?}", self.lens),
+            });
+        }
+        self.parallel_at = Some(depth_z);
+        Ok(self)
+    }
+
+    /// The same camera with a lens instead of a pinhole. Images need more than one sample, the same number in each pixel.
+    ///
+    /// # Errors
+    /// [`TraceError::Setting`] for a lens that is none, or with parallel rays.
+    pub fn with_lens(mut self, lens: Lens) -> Result<Self, TraceError> {
+        if self.parallel_at.is_some() {
+            return Err(TraceError::Setting {
+                name: "lens",
+                expected: "a camera that is not orthographic",
+                got: "an orthographic one".to_owned(),
+            });
+        }
+        self.lens = Some(lens.check()?);
+        Ok(self)
+    }
+
+    /// The lens; `None` for a pinhole.
+    pub fn lens(&self) -> Option<Lens> {
+        self.lens
+    }
+
+    /// Whether rays are parallel.
+    pub fn is_orthographic(&self) -> bool {
+        self.parallel_at.is_some()
+    }
+
+    /// Depth at which a pinhole sees things as large as this camera does at `depth_z`, mm.
+    pub fn scale_depth(&self, depth_z: f64) -> f64 {
+        self.parallel_at.unwrap_or(depth_z)
+    }
+
     /// Number of pixel columns.
     pub fn width(&self) -> usize {
         self.width
@@ -174,12 +231,13 @@ impl Camera {
     pub fn project(&self, point: &Point3) -> Option<([f64; 2], f64)> {
         let p = self.point_in_camera(point);
         (p.z > 1e-9).then(|| {
-            let image = self.intrinsics * p.coords;
-            ([image.x / p.z, image.y / p.z], p.z)
+            let scale = self.scale_depth(p.z);
+            let image = self.intrinsics * Vector3::new(p.x, p.y, scale);
+            ([image.x / scale, image.y / scale], p.z)
         })
     }
 
-    /// Where something infinitely far in a direction of the world appears, px. `None` beside and behind the camera.
+    /// Where something infinitely far in a direction of the world appears through the pinhole, px. `None` beside and behind the camera.
     pub(crate) fn px_of_direction(&self, direction: Vec3) -> Option<[f32; 2]> {
         let d = self.camera_from_world * direction.cast::<f64>();
         (d.z > 1e-3 * d.norm()).then(|| {
@@ -195,11 +253,29 @@ impl Camera {
 
     /// The ray through an image position, px. Its parameter `t` is the depth along the optical axis in mm.
     pub fn ray(&self, px: [f64; 2]) -> Ray {
-        let origin = vec3_from_point(&self.position);
-        Ray::new(origin, Vec3::from(self.direction(px)))
+        let Some(depth_z) = self.parallel_at else {
+            let origin = vec3_from_point(&self.position);
+            return Ray::new(origin, Vec3::from(self.direction(px)));
+        };
+        let [column, row] = [
+            self.direction_of_column(px[0]),
+            self.direction_of_row(px[1]),
+        ];
+        let through = Vector3::from(column) + Vector3::from(row);
+        let origin = self.position + (through - self.forward()) * depth_z;
+        Ray::new(vec3_from_point(&origin), self.forward().cast::<f32>())
     }
 
-    /// Direction of [`Camera::ray`].
+    /// Direction in which the camera sees a surface at an image position, or the backdrop if there is none.
+    #[inline(always)]
+    pub(crate) fn sight(&self, px: [f64; 2], is_surface: bool) -> [f32; 3] {
+        if self.parallel_at.is_some() && is_surface {
+            return self.forward().cast::<f32>().into();
+        }
+        self.direction(px)
+    }
+
+    /// Direction from the pinhole through an image position: that of [`Camera::ray`] unless rays are parallel.
     #[inline(always)]
     pub(crate) fn direction(&self, [x, y]: [f64; 2]) -> [f32; 3] {
         let (column, row) = (self.direction_of_column(x), self.direction_of_row(y));
@@ -240,16 +316,20 @@ impl Camera {
                 let pick = |k: usize| if corner >> k & 1 == 0 { min[k] } else { max[k] };
                 self.project(&Point3::new(pick(0).into(), pick(1).into(), pick(2).into()))
             });
+            let blur = |depth_z: f64, k: usize| {
+                let disc = self.lens.map_or(0.0, |lens| lens.blur(depth_z));
+                disc / 2.0 * self.intrinsics[(k, k)]
+            };
             // A box behind the camera shows nowhere, one around the camera everywhere
             if corners.iter().all(Option::is_none) {
                 continue;
             }
             for corner in corners {
-                let Some((px, _)) = corner else {
+                let Some((px, depth_z)) = corner else {
                     return Some([0, 0, self.width, self.height]);
                 };
-                low = std::array::from_fn(|k| low[k].min(px[k]));
-                high = std::array::from_fn(|k| high[k].max(px[k]));
+                low = std::array::from_fn(|k| low[k].min(px[k] - blur(depth_z, k)));
+                high = std::array::from_fn(|k| high[k].max(px[k] + blur(depth_z, k)));
             }
         }
         // A pixel of margin pays for the rounding of rays to f32
@@ -331,6 +411,45 @@ mod tests {
             vec3_from_point(&point),
             epsilon = 1e-3
         );
+    }
+
+    #[test]
+    fn parallel_rays_scale_everything_alike() {
+        let camera = camera().orthographic(500.0).expect("valid");
+        // The formula with its own numbers: focal length 100 px over the tangent of 0.2
+        let focal = 100.0 / 0.2_f64.tan();
+        for point in [
+            Point3::new(30.0, 40.0, 50.0),
+            Point3::new(-70.0, -90.0, 10.0),
+            Point3::new(-70.0, -90.0, 310.0),
+        ] {
+            let in_camera = camera.camera_from_world() * point.coords + camera.translation();
+            let (px, depth) = camera.project(&point).expect("in front");
+            assert_relative_eq!(px[0], 160.0 + focal * in_camera.x / 500.0, epsilon = 1e-9);
+            assert_relative_eq!(px[1], 100.0 + focal * in_camera.y / 500.0, epsilon = 1e-9);
+            assert_relative_eq!(depth, in_camera.z, epsilon = 1e-9);
+            let found = camera.ray(px).at(depth as f32);
+            assert_relative_eq!(found, vec3_from_point(&point), epsilon = 2e-4);
+        }
+        assert!(camera.project(&Point3::new(120.0, -40.0, 900.0)).is_none());
+        assert!(camera.orthographic(0.0).is_err());
+    }
+
+    #[test]
+    fn bounds_hold_what_a_lens_blurs() {
+        let sharp = camera();
+        let lens = Lens {
+            radius_mm: 10.0,
+            focus_mm: 300.0,
+        };
+        let soft = sharp.clone().with_lens(lens).expect("valid");
+        let (min, max) = (Vec3::new(-20.0, -10.0, -20.0), Vec3::new(30.0, 10.0, 40.0));
+        let [a, b] = [&sharp, &soft].map(|c| c.pixel_bounds([(min, max)]).expect("in the image"));
+        // At a depth of 590 mm and focus at 300 the disc's radius is 10 (1/300 - 1/590) focal lengths of 493 px: 8 px
+        for k in 0..2 {
+            assert!((6..11).contains(&(a[k] - b[k])) && (6..11).contains(&(b[k + 2] - a[k + 2])));
+        }
+        assert!(soft.orthographic(500.0).is_err());
     }
 
     #[test]

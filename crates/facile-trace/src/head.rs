@@ -156,6 +156,11 @@ impl HeadScene {
         Ok(head)
     }
 
+    /// Number of the head's own objects, hair and clothes included, which come first in the scene.
+    pub fn parts(&self) -> usize {
+        self.parts
+    }
+
     /// Left and right eye as placed.
     pub fn eyes(&self) -> &[Eye; 2] {
         &self.eyes

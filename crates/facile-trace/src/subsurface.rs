@@ -59,6 +59,8 @@ pub(crate) struct Skin {
     /// One over the square of each kernel's support, 1/mm^2.
     inverse: [Vec<f32>; 3],
     focal: [f32; 2],
+    /// Depth whose scale all depths have, mm, of an orthographic camera.
+    parallel_at: Option<f32>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -73,12 +75,16 @@ impl Skin {
         let (mut low, mut high) = (pixels.first()?.at, pixels.first()?.at);
         let k = camera.intrinsics();
         let focal = [k[(0, 0)] as f32, k[(1, 1)] as f32];
+        let parallel_at = camera
+            .is_orthographic()
+            .then(|| camera.scale_depth(0.0) as f32);
         let mut reach = Vec::with_capacity(pixels.len());
         let mut margin = 0;
         for pixel in &pixels {
             let [red, green, blue] = pixel.scatter_mm.into();
             let support = red.max(green).max(blue) * SUPPORT;
-            let own = focal.map(|f| ((support * f / pixel.depth_z) as usize).min(MAX_RADIUS));
+            let scale = parallel_at.unwrap_or(pixel.depth_z);
+            let own = focal.map(|f| ((support * f / scale) as usize).min(MAX_RADIUS));
             for axis in 0..2 {
                 low[axis] = low[axis].min(pixel.at[axis]);
                 high[axis] = high[axis].max(pixel.at[axis]);
@@ -102,6 +108,7 @@ impl Skin {
             depth_z: vec![f32::INFINITY; count],
             inverse: [0; 3].map(|_| vec![f32::INFINITY; count]),
             focal,
+            parallel_at,
             pixels,
         };
         let mut runs = vec![None; count / LANES];
@@ -199,7 +206,7 @@ impl Kernel for Pass<'_> {
         for run in &skin.runs {
             let at = run.first as usize;
             let depth_z = L::load_from(&skin.depth_z[at..]);
-            let mm_per_px = depth_z / focal;
+            let mm_per_px = skin.parallel_at.map_or(depth_z, L::splat) / focal;
             let inverse = [
                 L::load_from(&skin.inverse[0][at..]),
                 L::load_from(&skin.inverse[1][at..]),

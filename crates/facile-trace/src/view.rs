@@ -18,6 +18,7 @@ use crate::edges::{self, Edges};
 use crate::gbuffer::{CenterHits, GBuffer, Truth};
 use crate::lanes::LANES;
 use crate::layers;
+use crate::lens::LensRays;
 use crate::light::{Light, LightSource};
 use crate::math::Rgb;
 use crate::object::Object;
@@ -140,6 +141,7 @@ pub fn trace_view(
     settings: &RenderSettings,
 ) -> Result<View, TraceError> {
     check(settings)?;
+    check_lens(camera, settings.samples)?;
     let start = Instant::now();
     let bounds = camera.pixel_bounds(scene.bounds_in_world(Layer::All));
     let wanted = Wanted {
@@ -172,7 +174,8 @@ pub fn trace_view(
             hits.to_mut().resize(from, Hit::MISS);
             hits.to_mut().extend_from_slice(&edges.hits);
             directions.resize(from, [1.0; 3]);
-            directions.extend(edges.places.iter().map(|px| camera.direction(*px)));
+            let of_edges = edges.places.iter().zip(&edges.hits);
+            directions.extend(of_edges.map(|(px, hit)| camera.sight(*px, hit.is_some())));
         }
         let mut points = ShadingPoints::default();
         let pixel = camera.pixel_spacing();
@@ -209,13 +212,11 @@ pub fn trace_view(
     };
     if let Samples::Count(count @ 2..) = settings.samples {
         view.dense_pixels = view.bounds.map_or_else(Vec::new, pixels_in_blocks);
-        find_samples(
-            scene,
-            camera,
-            &view.dense_pixels,
-            &sample_offsets(count),
-            &mut view.dense_hits,
-        );
+        let (offsets, hits) = (sample_offsets(count), &mut view.dense_hits);
+        match LensRays::of(camera, count as usize) {
+            Some(lens) => lens.trace(scene, &view.dense_pixels, &offsets, hits),
+            None => find_samples(scene, camera, &view.dense_pixels, &offsets, hits),
+        }
     }
     view.primary_time = start.elapsed();
     Ok(view)
@@ -282,6 +283,17 @@ fn check(settings: &RenderSettings) -> Result<(), TraceError> {
         });
     }
     Ok(())
+}
+
+fn check_lens(camera: &Camera, samples: Samples) -> Result<(), TraceError> {
+    if camera.lens().is_none() || matches!(samples, Samples::Count(2..)) {
+        return Ok(());
+    }
+    Err(TraceError::Setting {
+        name: "samples",
+        expected: "a number from 2 on with a lens",
+        got: format!("{samples:?}"),
+    })
 }
 
 /// A value for each pixel whose centre shows something.
@@ -467,12 +479,15 @@ impl View {
         } else {
             let direction = |i: usize| {
                 self.camera
-                    .direction(sample_px(self.centers.pixels[i], CENTER))
+                    .sight(sample_px(self.centers.pixels[i], CENTER), true)
             };
             let bounces = self.settings.bounces();
             let spacing = self.camera.pixel_spacing();
             scratch.for_each_batch(shader, hits, direction, (spacing, bounces), wanted, take);
-            let direction = |i: usize| self.camera.direction(self.edges.places[i]);
+            let direction = |i: usize| {
+                let is_surface = self.edges.hits[i].is_some();
+                self.camera.sight(self.edges.places[i], is_surface)
+            };
             let take = |_: &ShadingPoints, shaded: &Shaded, count: usize| {
                 let of = |k: usize| surface::lane(&shaded.colors[k / LANES], k % LANES);
                 lit.edges.extend((0..count).map(of));
@@ -586,9 +601,15 @@ impl View {
         mut visit: impl FnMut((usize, usize), &[Rgb]),
     ) {
         let count = offsets.len();
+        let lens = LensRays::of(&self.camera, count);
         let direction = |i: usize| {
-            let px = sample_px(pixels[i / count], offsets[i % count]);
-            self.camera.direction(px)
+            let (pixel, offset, is_surface) =
+                (pixels[i / count], offsets[i % count], hits[i].is_some());
+            match &lens {
+                // Backdrops are as sharp as their pictures are
+                Some(lens) if is_surface => lens.ray(pixel, offset, i % count).direction.into(),
+                _ => self.camera.sight(sample_px(pixel, offset), is_surface),
+            }
         };
         let mut pixels = pixels.iter();
         let mut samples = Vec::with_capacity(count);
@@ -635,7 +656,7 @@ fn sum(samples: &[Rgb]) -> Rgb {
 
 /// Directions of the rays through pixels' centres.
 fn center_directions(camera: &Camera, pixels: &[[u32; 2]]) -> Vec<[f32; 3]> {
-    let direction = |pixel: &[u32; 2]| camera.direction(sample_px(*pixel, CENTER));
+    let direction = |pixel: &[u32; 2]| camera.sight(sample_px(*pixel, CENTER), true);
     pixels.iter().map(direction).collect()
 }
 

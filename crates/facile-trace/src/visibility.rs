@@ -60,16 +60,14 @@ pub fn point_visibility(
     points: &[Point3],
     params: &VisibilityParams,
 ) -> Vec<Visibility> {
-    let eye = vec3_from_point(camera.position());
     points
         .iter()
         .map(|point| {
-            let in_frame = camera
-                .project(point)
-                .is_some_and(|(px, _)| camera.contains_px(px));
-            if !in_frame {
+            let projected = camera.project(point).map(|(px, _)| px);
+            let Some(px) = projected.filter(|px| camera.contains_px(*px)) else {
                 return Visibility::OutsideFrame;
-            }
+            };
+            let eye = camera.ray(px).origin;
             let target = vec3_from_point(point);
             let distance = (target - eye).norm();
             let ray = Ray {

@@ -143,7 +143,7 @@ impl Table {
         let mut add = |name: &str, (field, feature): (Field, Value)| {
             fields.push((name.to_owned(), field, feature));
         };
-        for (kind, _) in sample.maps.iter() {
+        for (kind, _) in sample.all_maps() {
             add(kind, (Field::File, image()));
         }
         add("subject", text());
@@ -183,9 +183,9 @@ impl Table {
         next()?.int(0, sample.index as i64)?;
         next()?.bytes(&sample.image)?;
         next()?.bytes(row.image.as_bytes())?;
-        for (kind, bytes) in sample.maps.iter() {
+        for (kind, bytes) in sample.all_maps() {
             next()?.bytes(bytes)?;
-            next()?.bytes(row.maps.get(*kind)?.file.as_bytes())?;
+            next()?.bytes(row.maps.get(kind)?.file.as_bytes())?;
         }
         next()?.bytes(row.subject.id.as_bytes())?;
         next()?.bytes(row.subject.kind.as_bytes())?;

@@ -60,6 +60,9 @@ class Sample(_Required, total=False):
     ``image`` is ``(h, w, 3)`` sRGB. ``segments``, ``visibility`` and ``occlusion`` are ``(h, w)``; ``depth_mm`` is
     ``(h, w)``, infinite where nothing is; ``amodal`` and ``coverage`` are ``(h, w)``; ``layers`` and ``layer_depth_mm`` are
     ``(4, h, w)``, the nearest surface first; ``normals`` is ``(h, w, 3)`` in the camera's axes, zero where nothing is.
+    ``instances`` is ``(h, w)``, the number of the occluder's body that is seen; ``reference`` is ``(h, w, 2)``, ``h`` in
+    mm and ``phi`` in rad of the reference head's point under the skin, not a number elsewhere; ``albedo`` is
+    ``(h, w, 3)``, linear, 0 where nothing is; ``shadow`` is ``(h, w)``, 255 where all directed light arrives.
     """
 
     segments: NDArray[np.uint8]
@@ -71,6 +74,10 @@ class Sample(_Required, total=False):
     coverage: NDArray[np.uint8]
     layers: NDArray[np.uint8]
     layer_depth_mm: NDArray[np.float32]
+    instances: NDArray[np.uint8]
+    reference: NDArray[np.float32]
+    albedo: NDArray[np.float32]
+    shadow: NDArray[np.uint8]
 
 @final
 class Dataset:
@@ -198,8 +205,15 @@ def render(
     view: Mapping[str, Any] | None = None,
     occluder: Mapping[str, Any] | None = None,
     image: Mapping[str, Any] | None = None,
+    hair: Mapping[str, Any] | None = None,
+    clothes: Mapping[str, Any] | None = None,
+    background: Mapping[str, Any] | None = None,
+    sensor: Mapping[str, Any] | None = None,
 ) -> Sample:
-    """Renders one image of a subject. Each mapping has the keys of the recipe's table of that name."""
+    """Renders one image of a subject. Each mapping has the keys of the recipe's table of that name.
+
+    The subject wears hair and a shirt if ``hair`` and ``clothes`` are given, and shows what is painted on its skin if not.
+    """
 
 def render_scene(path: str | PathLike[str], output: str | PathLike[str]) -> dict[str, Any]:
     """Renders a scene file into the folder ``output``: any meshes, one camera, any lights. Returns the timings, ms."""

@@ -1,6 +1,6 @@
 //! Things that people wear or hold before their face, by kind, colour, size and place.
 
-use facile_core::Mesh;
+use facile_core::{Mesh, Segment};
 use serde::{Deserialize, Serialize};
 
 use super::fit::FaceFit;
@@ -64,6 +64,21 @@ impl PropKind {
         }
     }
 
+    /// Class of its surface in label maps.
+    pub fn segment(self) -> Segment {
+        match self {
+            Self::SurgicalMask => Segment::SurgicalMask,
+            Self::Scarf => Segment::Scarf,
+            Self::Cap => Segment::Cap,
+            Self::Hat => Segment::Hat,
+            Self::HeadBand => Segment::HeadBand,
+            Self::Headphones => Segment::Headphones,
+            Self::Hand => Segment::Hand,
+            Self::Bar => Segment::Bar,
+            Self::Fringe => Segment::Fringe,
+        }
+    }
+
     /// Which of the places `x_mm`, `y_mm` and `turn_deg` it has.
     pub fn places(self) -> &'static [&'static str] {
         match self {
@@ -117,7 +132,8 @@ impl Prop {
             .map(|v| facile_core::color::LINEAR_FROM_SRGB8[usize::from(v)]);
         let color = Rgb::from(color);
         if self.kind == PropKind::Fringe {
-            let (mesh, strands) = fringe::fringe(self, fit);
+            let (mut mesh, strands) = fringe::fringe(self, fit);
+            mesh.segments.fill(self.kind.segment());
             let strands = strands.iter().map(vec3_from_vector).collect();
             let hair = Object::new(&mesh, Normals::Smooth, Material::matt(color))?;
             return Ok(hair.with_strands(strands)?.as_occluder());
@@ -128,7 +144,7 @@ impl Prop {
 
     /// The surface, mm, head frame.
     pub fn mesh(&self, fit: &FaceFit<'_>) -> Mesh {
-        match self.kind {
+        let mut mesh = match self.kind {
             PropKind::SurgicalMask => drape::mask(self, fit),
             PropKind::Scarf => drape::scarf(self, fit),
             PropKind::Cap => drape::cap(self, fit),
@@ -138,7 +154,9 @@ impl Prop {
             PropKind::Hand => hand::hand(self, fit),
             PropKind::Bar => hand::bar(self, fit),
             PropKind::Fringe => fringe::fringe(self, fit).0,
-        }
+        };
+        mesh.segments.fill(self.kind.segment());
+        mesh
     }
 
     fn material(&self, color: Rgb) -> Material {

@@ -70,12 +70,13 @@ impl Seen<'_> {
     }
 }
 
-/// Whether drawing so many samples is possible, and likely faster than rays. Depends on the scene and the camera alone.
+/// Whether drawing so many samples is possible, which it is for pinholes, and likely faster than rays. Depends on the scene and the camera alone.
 pub(crate) fn suits(scene: &Scene, camera: &Camera, samples: usize) -> bool {
     let seen = || scene.objects().iter().filter(|o| Layer::All.sees(o));
     let triangles: usize = seen().map(|o| o.geometry.triangles.len()).sum();
     let projection = Projection::of_camera(camera);
-    triangles <= MAX_TRIANGLES_PER_SAMPLE * samples
+    !camera.is_orthographic()
+        && triangles <= MAX_TRIANGLES_PER_SAMPLE * samples
         && seen()
             .filter_map(Object::bounds_in_world)
             .all(|b| projection.is_in_front(b))

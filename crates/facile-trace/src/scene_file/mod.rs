@@ -17,6 +17,7 @@ use serde::{Deserialize, Serialize};
 use crate::TraceError;
 use crate::camera::Camera;
 use crate::gbuffer::Truth;
+use crate::lens::Lens;
 use crate::light::LightSource;
 use crate::sampling::Samples;
 use crate::sensor::Sensor;
@@ -125,6 +126,14 @@ pub enum CameraSection {
         up: [f64; 3],
         /// Angle that the image's height spans, degrees.
         fov_y_deg: f64,
+        /// Parallel rays; the image's height spans what it does at the target.
+        #[serde(default)]
+        orthographic: bool,
+        /// Diameter of the lens's opening, mm; 0 for a pinhole. Needs a number of samples from 2 on.
+        #[serde(default)]
+        aperture_mm: f64,
+        /// Depth that is in focus, mm; that of the target if not given.
+        focus_mm: Option<f64>,
     },
     /// By its matrices, see [`Camera::from_matrices`]; rows.
     Matrices {
@@ -235,14 +244,25 @@ impl SceneFile {
                 target,
                 up,
                 fov_y_deg,
-            } => Camera::look_at(
-                width,
-                height,
-                Point3::from(*position),
-                Point3::from(*target),
-                Vector3::from(*up),
-                fov_y_deg.to_radians(),
-            ),
+                orthographic,
+                aperture_mm,
+                focus_mm,
+            } => {
+                let (position, target) = (Point3::from(*position), Point3::from(*target));
+                let (up, fov_y) = (Vector3::from(*up), fov_y_deg.to_radians());
+                let mut camera = Camera::look_at(width, height, position, target, up, fov_y)?;
+                let distance = (target - position).norm();
+                if *orthographic {
+                    camera = camera.orthographic(distance)?;
+                }
+                if *aperture_mm != 0.0 {
+                    camera = camera.with_lens(Lens {
+                        radius_mm: aperture_mm / 2.0,
+                        focus_mm: focus_mm.unwrap_or(distance),
+                    })?;
+                }
+                Ok(camera)
+            }
             CameraSection::Matrices { k, r, t } => {
                 let matrix = |rows: &[[f64; 3]; 3]| Matrix3::from_row_slice(rows.as_flattened());
                 Camera::from_matrices(width, height, matrix(k), matrix(r), Vector3::from(*t))

@@ -273,6 +273,8 @@ fn write_maps(out_dir: &Path, view: &View, rendering: &Rendering) -> Result<(), 
         "k": rows(camera.intrinsics()),
         "r": rows(camera.camera_from_world()),
         "t": camera.translation().as_slice(),
+        "orthographic": camera.is_orthographic().then(|| camera.scale_depth(0.0)),
+        "lens": camera.lens().map(|l| [2.0 * l.radius_mm, l.focus_mm]),
         "depth_steps_per_mm": depth_steps_per_mm,
     });
     write_json(&to("scene.json"), &record)

@@ -7,11 +7,10 @@ use std::sync::Arc;
 
 use facile_trace::EnvironmentMap;
 
-use super::check::{in_range, matching_files};
-use super::check_scene::unused;
-use super::file::{BackgroundKind, BackgroundTable};
-use super::problem::{Place, Problem};
-use super::settings::{Background, WeightedBackground};
+use super::value::{in_range, matching_files, unused};
+use crate::recipe::file::{BackgroundKind, BackgroundTable};
+use crate::recipe::problem::{Place, Problem};
+use crate::recipe::settings::{Background, WeightedBackground};
 
 /// Softness of a room whose recipe does not say, a share of the picture's side.
 const ROOM_BLUR: f64 = 0.06;

@@ -6,12 +6,14 @@ use std::ops::RangeInclusive;
 use facile_sim::pose::{MAX_LATERAL_MM, MAX_OPEN_RAD, MAX_PROTRUSION_MM};
 use facile_sim::{MuscleSet, Pose};
 
-use super::check::in_range;
-use super::check_scene::sim_problem;
-use super::problem::{Place, Problem};
-use super::sampling_file::{ConstraintTable, DistributionTable, PatternWord, SamplingTable};
-use super::settings::Recipe;
+use super::expression::{MAX_GAZE_DEG, sim_problem};
+use super::value::in_range;
 use crate::Error;
+use crate::recipe::file::sampling::{
+    ConstraintTable, DistributionTable, PatternWord, SamplingTable,
+};
+use crate::recipe::problem::{Place, Problem};
+use crate::recipe::settings::Recipe;
 use crate::sampling::{
     Constraint, Distribution, Draws, Pattern, Quantity, Sampling, Stage, Weights,
 };
@@ -19,7 +21,6 @@ use crate::sampling::{
 const MAX_COUNT: i64 = 1_000_000_000_000;
 const MAX_PER_GROUP: i64 = 1_000_000;
 const MAX_TRIES: i64 = 1_000_000;
-const MAX_GAZE_DEG: f64 = 40.0;
 /// Standard deviations beyond which nothing of a normal distribution is left to cut.
 const FARTHEST: f64 = 30.0;
 /// Draws that are tried before any work, to find constraints that nothing meets.
@@ -125,7 +126,7 @@ impl Names {
             occluders: recipe
                 .occluders
                 .iter()
-                .map(super::settings::Occluder::kind)
+                .map(crate::recipe::settings::Occluder::kind)
                 .collect(),
         }
     }

@@ -1,4 +1,5 @@
-//! From the file's tables to checked settings: `[dataset]`, `[image]`, `[subjects]`. Read next [`super::check_scene`].
+//! From the file's tables to checked settings: `[dataset]`, `[image]`, `[subjects]`. The other
+//! tables have files of their own, named after them.
 
 use std::ops::RangeInclusive;
 use std::path::{Component, Path, PathBuf};
@@ -6,15 +7,28 @@ use std::path::{Component, Path, PathBuf};
 use facile_core::{HairStyle, builtin};
 use facile_trace::Samples;
 
-use super::check_background::{Surroundings, backgrounds};
-use super::check_sampling::sampling;
-use super::check_scene::{expressions, jpeg_quality, lightings, occluders, sensor, views};
-use super::file::{
+use crate::pipeline::Scheme;
+use crate::recipe::file::{
     DatasetTable, Format, HairTable, ImageTable, RecipeFile, SamplesTable, SubjectsTable, Truth,
 };
-use super::problem::{Place, Problem};
-use super::settings::{HairSettings, ImageSettings, Recipe, Subjects};
-use crate::pipeline::Scheme;
+use crate::recipe::problem::{Place, Problem};
+use crate::recipe::settings::{HairSettings, ImageSettings, Recipe, Subjects};
+
+use background::{Surroundings, backgrounds};
+use expression::expressions;
+use light::lightings;
+use occluder::occluders;
+use sampling::sampling;
+use value::{in_range, matching_files};
+use view::{check_lenses, jpeg_quality, sensor, views};
+
+pub(super) mod background;
+mod expression;
+pub(super) mod light;
+mod occluder;
+mod sampling;
+mod value;
+mod view;
 
 /// Limits that protect against typing errors, not against large datasets.
 const MAX_IMAGES: u64 = 1_000_000_000_000;
@@ -49,6 +63,7 @@ pub(crate) fn check(file: RecipeFile, base: &Path) -> Result<Recipe, Problem> {
         sampling: None,
         file,
     };
+    check_lenses(&recipe.file.views, &recipe.image, &root.key("view"))?;
     if let Some(table) = &recipe.file.sampling {
         recipe.sampling = Some(sampling(table, &recipe, &root.key("sampling"))?);
         return Ok(recipe);
@@ -237,50 +252,4 @@ fn hair(table: &HairTable, place: &Place) -> Result<HairSettings, Problem> {
         }
     }
     Ok(HairSettings::from(table))
-}
-
-pub(crate) fn matching_files(
-    pattern: &str,
-    base: &Path,
-    place: &Place,
-) -> Result<Vec<PathBuf>, Problem> {
-    // The recipe's own folder is taken literally, whatever characters its name has.
-    let full = Path::new(&glob::Pattern::escape(&base.to_string_lossy())).join(pattern);
-    let paths = glob::glob(&full.to_string_lossy())
-        .map_err(|e| place.problem(format!("`{pattern}` is not a valid glob: {e}")))?;
-    let mut files = Vec::new();
-    for path in paths {
-        let path = path.map_err(|e| place.problem(e.to_string()))?;
-        if path.is_file() {
-            files.push(path);
-        }
-    }
-    files.sort();
-    if files.is_empty() {
-        return Err(place.problem(format!(
-            "no file matches `{pattern}` in {}",
-            if base.as_os_str().is_empty() {
-                Path::new(".").display()
-            } else {
-                base.display()
-            }
-        )));
-    }
-    Ok(files)
-}
-
-/// A finite number within a range; `what` begins the error's sentence.
-pub(crate) fn in_range(
-    value: f64,
-    range: RangeInclusive<f64>,
-    what: &str,
-    place: &Place,
-) -> Result<f64, Problem> {
-    if range.contains(&value) {
-        return Ok(value);
-    }
-    let (low, high) = (range.start(), range.end());
-    Err(place.problem(format!(
-        "{what} must be from {low} to {high}, found {value}"
-    )))
 }
