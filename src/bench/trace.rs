@@ -1,9 +1,9 @@
-//! `facile bench trace`: error against time of the tracer on a scene file.
+//! `facile bench trace`: error against time of the tracer on a scene file, and what a frame costs by what is in it.
 
 use std::path::Path;
 
 use facile_core::io::{decode_texture, read_file};
-use facile_trace::bench_scene_file;
+use facile_trace::{bench_scene_cost, bench_scene_file};
 
 use super::{Axis, Curve, Effort, Findings, Plot, Table};
 use crate::Error;
@@ -56,8 +56,56 @@ pub fn trace(scene: &Path, reference: Option<&Path>, effort: Effort) -> Result<F
             points: frames,
         }],
     };
+    let mut found = cost(scene, effort)?;
+    found.tables.insert(0, ("trace_work_precision", table));
+    found.plots.insert(0, ("trace_work_precision", plot));
+    Ok(found)
+}
+
+/// What a frame costs by triangles, pixels, lights, labels, and by when rays are cut.
+fn cost(scene: &Path, effort: Effort) -> Result<Findings, Error> {
+    let rows = bench_scene_cost(scene, effort.of(1, 15))?;
+    let mut table = Table::new(&["curve", "value", "label", "ms", "min_ms", "max_ms", "rmse"]);
+    let mut plots = Vec::new();
+    for (curve, name, label) in [
+        ("triangles", "trace_triangles", "triangles"),
+        ("pixels", "trace_pixels", "pixels along a side of the image"),
+        ("lights", "trace_lights", "point lights"),
+    ] {
+        let own = rows.iter().filter(|r| r.curve == curve);
+        let points: Vec<(f64, f64)> = own.map(|r| (r.value, r.ms.median)).collect();
+        if points.is_empty() {
+            continue;
+        }
+        let axis = if curve == "lights" {
+            Axis::linear
+        } else {
+            Axis::logarithmic
+        };
+        let plot = Plot {
+            title: format!("time of a frame of one sample against {label}, one thread"),
+            x: axis(label),
+            y: axis("ms a frame"),
+            curves: vec![Curve {
+                name: curve.to_owned(),
+                points,
+            }],
+        };
+        plots.push((name, plot));
+    }
+    for row in rows {
+        table.push(vec![
+            row.curve.into(),
+            row.value.into(),
+            row.label.into(),
+            row.ms.median.into(),
+            row.ms.min.into(),
+            row.ms.max.into(),
+            row.rmse.into(),
+        ]);
+    }
     Ok(Findings {
-        tables: vec![("trace_work_precision", table)],
-        plots: vec![("trace_work_precision", plot)],
+        tables: vec![("trace_cost", table)],
+        plots,
     })
 }

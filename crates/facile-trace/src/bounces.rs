@@ -13,8 +13,7 @@ use crate::scene::{Layer, Scene};
 use crate::surface::{self, SurfaceBlock};
 use crate::whitted::{fresnel, reflect, transmitted};
 
-/// Least share of a sample's light for which a mirrored or refracted ray is followed: a tenth of a step of 8 bits at the
-/// brightness of skin.
+/// [`crate::RenderSettings::min_share`] by default.
 pub(crate) const MIN_SHARE: f32 = 1e-3;
 
 /// How rays go on.
@@ -22,6 +21,8 @@ pub(crate) const MIN_SHARE: f32 = 1e-3;
 pub(crate) struct BounceParams {
     /// Mirror and refraction rays in a chain at most.
     pub(crate) max_depth: u32,
+    /// Least share of a sample's light for which a ray is followed.
+    pub(crate) min_share: f32,
     /// Distance from a surface at which further rays start, mm.
     pub(crate) offset: f32,
     /// [`crate::RenderSettings::smooth_shadows`].
@@ -122,7 +123,7 @@ impl ShadingPoints {
             directions,
             shares: &[],
         };
-        let mut spawned = self.spawned(scene, &first, params.offset);
+        let mut spawned = self.spawned(scene, &first, params);
         for depth in 1..=params.max_depth {
             let Spawned {
                 rays,
@@ -147,13 +148,13 @@ impl ShadingPoints {
                 directions: &directions,
                 shares: &shares,
             };
-            spawned = self.spawned(scene, &next, params.offset);
+            spawned = self.spawned(scene, &next, params);
         }
     }
 
     /// The rays that a generation of points sends out: those that go through first, then those that are mirrored, so that
     /// packets have one direction.
-    fn spawned(&self, scene: &Scene, points: &Generation<'_>, offset: f32) -> Spawned {
+    fn spawned(&self, scene: &Scene, points: &Generation<'_>, params: BounceParams) -> Spawned {
         let (mut through, mut mirrored) = (Spawned::default(), Spawned::default());
         let blocks = &self.surfaces[points.first_block..];
         for (index, block) in blocks.iter().enumerate() {
@@ -164,13 +165,13 @@ impl ShadingPoints {
                 let material = point.object.material(point.triangle);
                 let number = (points.first_block * LANES + i) as u32;
                 let own = points.shares.get(i).copied().unwrap_or(1.0);
-                let ways = spawn(&point, material, offset);
+                let ways = spawn(&point, material, params.offset);
                 for (way, out) in ways.into_iter().zip([&mut through, &mut mirrored]) {
                     let Some((ray, tint, share)) = way else {
                         continue;
                     };
                     let all = own * share * tint.max();
-                    if all < MIN_SHARE {
+                    if all < params.min_share {
                         continue;
                     }
                     out.rays.push(ray);

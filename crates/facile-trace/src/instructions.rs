@@ -87,7 +87,7 @@ mod tests {
         assert!(before.is_available());
         InstructionSet::Portable.limit(|| {
             assert_eq!(InstructionSet::current(), InstructionSet::Portable);
-            InstructionSet::Avx2.limit(|| assert_eq!(InstructionSet::current(), before));
+            InstructionSet::Avx512.limit(|| assert_eq!(InstructionSet::current(), before));
             assert_eq!(InstructionSet::current(), InstructionSet::Portable);
         });
         assert_eq!(InstructionSet::current(), before);

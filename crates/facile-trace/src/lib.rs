@@ -78,7 +78,9 @@ pub use object::{Object, SegmentCap};
 pub use ray::{Hit, Ray};
 pub use sampling::Samples;
 pub use scene::{Layer, Scene};
-pub use scene_file::{BenchRow, SceneFile, bench_scene_file, render_scene_file};
+pub use scene_file::{
+    BenchRow, CostRow, SceneFile, bench_scene_cost, bench_scene_file, render_scene_file,
+};
 pub use sensor::Sensor;
 pub use view::{RenderSettings, Rendering, View, trace_view};
 pub use visibility::{Visibility, VisibilityParams, point_visibility};

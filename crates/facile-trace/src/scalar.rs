@@ -1,6 +1,6 @@
 //! Whitted shading of one ray at a time, by recursion: what the batches of [`crate::whitted`] must give bit for bit.
 
-use crate::bounces::{BounceParams, MIN_SHARE, spawn};
+use crate::bounces::{BounceParams, spawn};
 use crate::interaction::{Interaction, diffuse_weight, strand_at};
 use crate::light::{AmbientSum, Arrival, Light};
 use crate::material::Material;
@@ -118,7 +118,7 @@ impl Recursion<'_> {
             .flatten()
         {
             let all = own * share * tint.max();
-            if all >= MIN_SHARE {
+            if all >= self.params.min_share {
                 *color += self.radiance(&ray, depth + 1, all).component_mul(&tint) * share;
             }
         }
@@ -289,6 +289,7 @@ mod tests {
         };
         let params = BounceParams {
             max_depth: 4,
+            min_share: crate::bounces::MIN_SHARE,
             offset: 0.05,
             smooth_shadows: true,
         };

@@ -1,4 +1,6 @@
+use super::source::WHITE;
 use super::*;
+use crate::Camera;
 use approx::assert_relative_eq;
 use facile_core::{Point3, Vector3};
 

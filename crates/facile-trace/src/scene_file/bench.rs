@@ -70,7 +70,7 @@ pub fn bench_scene_file(
     rows.push(bench.frames("moved", one, labels, true)?);
     rows.push(bench.frames("layers", one, amodal, false)?);
     rows.push(bench.relights()?);
-    for samples in [4, 9, 16, 36, 64] {
+    for samples in [4, 9, 16, 36, 64, 100] {
         rows.push(bench.frames("frame", Samples::Count(samples), Truth::default(), false)?);
     }
     rows.push(bench.frames("frame", Samples::ADAPTIVE, Truth::default(), false)?);
@@ -155,7 +155,7 @@ impl Bench<'_> {
     }
 }
 
-fn folder_of(path: &Path) -> &Path {
+pub(super) fn folder_of(path: &Path) -> &Path {
     path.parent().unwrap_or(Path::new("."))
 }
 
@@ -191,7 +191,7 @@ fn reference_image(
     Ok(view.shade(&scene, &file.light)?.to_srgb8())
 }
 
-fn root_mean_square(a: &Plane<[u8; 3]>, b: &Plane<[u8; 3]>) -> f64 {
+pub(super) fn root_mean_square(a: &Plane<[u8; 3]>, b: &Plane<[u8; 3]>) -> f64 {
     let (a, b) = (a.as_slice().as_flattened(), b.as_slice().as_flattened());
     let squares = a
         .iter()

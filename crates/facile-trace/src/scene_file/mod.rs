@@ -4,6 +4,7 @@
 //! and timings. Paths in the file are relative to its folder. Colours are 8-bit sRGB.
 
 mod bench;
+mod cost;
 mod load;
 mod obj_normals;
 mod render;
@@ -24,6 +25,7 @@ use crate::sensor::Sensor;
 use crate::view::RenderSettings;
 
 pub use bench::{BenchRow, bench_scene_file};
+pub use cost::{CostRow, bench_scene_cost};
 pub use render::render_scene_file;
 pub use timing::{Spread, TimingReport};
 

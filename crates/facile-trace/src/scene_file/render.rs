@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use facile_core::color::LINEAR_FROM_SRGB8;
 use facile_core::rng::RandomStream;
-use facile_core::{Plane, Point3, Texture};
+use facile_core::{Mesh, Plane, Point3, Texture};
 
 use super::load::load_mesh;
 use super::{MeshSection, SceneFile, Spread, TimingReport};
@@ -84,6 +84,15 @@ pub(super) fn load_scene(
     file: &SceneFile,
     folder: &Path,
 ) -> Result<(Scene, TimingReport), TraceError> {
+    load_scene_of(file, folder, Mesh::clone)
+}
+
+/// As [`load_scene`], with meshes changed on the way.
+pub(super) fn load_scene_of(
+    file: &SceneFile,
+    folder: &Path,
+    change: impl Fn(&Mesh) -> Mesh,
+) -> Result<(Scene, TimingReport), TraceError> {
     let background = Rgb::from(
         file.image
             .background
@@ -96,7 +105,7 @@ pub(super) fn load_scene(
         let start = Instant::now();
         let texture = section.texture.as_ref().map(|t| folder.join(t));
         let loaded = load_mesh(&folder.join(&section.file), texture.as_deref())?;
-        let (mesh, texture) = (loaded.mesh, loaded.texture);
+        let (mesh, texture) = (change(&loaded.mesh), loaded.texture);
         let material = material(section, texture, !mesh.colors.is_empty())?;
         load += start.elapsed();
         let start = Instant::now();
@@ -106,7 +115,8 @@ pub(super) fn load_scene(
             Normals::Flat
         };
         let mut object = Object::new(&mesh, normals, material)?;
-        if let Some(normals) = loaded.normals.filter(|_| section.smooth) {
+        let is_same = mesh.positions.len() == loaded.mesh.positions.len();
+        if let Some(normals) = loaded.normals.filter(|_| section.smooth && is_same) {
             object = object.with_vertex_normals(normals)?;
         }
         if section.occluder {

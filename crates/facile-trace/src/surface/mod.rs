@@ -3,7 +3,8 @@
 //! Vertices are fetched as rows of eight numbers and turned into lanes. The same operations as the scalar
 //! [`crate::interaction`]: each lane gives its bits.
 
-use facile_core::Texture;
+mod look;
+
 use facile_core::color::LINEAR_FROM_SRGB8;
 
 use crate::bounces::BounceParams;
@@ -11,10 +12,11 @@ use crate::detail;
 use crate::interaction::{albedo, strand_at};
 use crate::lanes::{Eight, Kernel, LANES, LaneMask, Lanes, V3, lanes_of, run};
 use crate::material::{Albedo, Material};
-use crate::math::{Rgb, Vec3};
+use crate::math::Vec3;
 use crate::object::Object;
 use crate::ray::Hit;
 use crate::scene::Scene;
+use look::{Look, texture_of};
 
 /// Texels for each ray from which the next level of a texture is taken, as a share of four: at 2 the texels of the level
 /// that is taken are between 0.7 and 1.4 times as far apart as rays.
@@ -113,78 +115,6 @@ impl Kernel for Surfaces<'_> {
             }
             self.out.push(block);
         }
-    }
-}
-
-/// What eight materials are. Lanes without one hold any.
-#[derive(Default)]
-struct Look<'a> {
-    /// The material of all lanes, if they have the same.
-    of_all: Option<&'a Material>,
-    exposure: Eight,
-    specular: Eight,
-    shininess: Eight,
-    roughness: Eight,
-    reflectivity: Eight,
-    tint: [Eight; 3],
-    /// Columns and rows of the texture, 1 without one.
-    size: [Eight; 2],
-    /// Whether no lane has a texture of several texels.
-    is_plain: bool,
-    /// Lanes that let light pass.
-    transparent: u32,
-    /// Lanes that send out rays of their own.
-    spawns: u32,
-}
-
-impl<'a> Look<'a> {
-    /// Takes over eight materials; neighbours mostly have the one of the eight before.
-    #[inline(always)]
-    fn take(&mut self, materials: &[Option<&'a Material>; LANES]) {
-        let mut present = materials.iter().flatten();
-        let Some(first) = present.next() else {
-            return;
-        };
-        if present.all(|m| std::ptr::eq(*m, *first)) {
-            if !self.of_all.is_some_and(|m| std::ptr::eq(m, *first)) {
-                (0..LANES).for_each(|lane| self.set(lane, first));
-                self.of_all = Some(first);
-                self.is_plain = texture_of(first).is_none();
-            }
-            return;
-        }
-        self.is_plain = false;
-        self.of_all = None;
-        for (lane, material) in materials.iter().enumerate() {
-            if let Some(material) = material {
-                self.set(lane, material);
-            }
-        }
-    }
-
-    fn set(&mut self, lane: usize, material: &Material) {
-        self.exposure.0[lane] = material.exposure;
-        self.specular.0[lane] = material.specular;
-        self.shininess.0[lane] = material.shininess;
-        self.roughness.0[lane] = material.roughness;
-        self.reflectivity.0[lane] = material.reflectivity;
-        let (size, tint) = match &material.albedo {
-            Albedo::Texture { texture, tint } => {
-                ([texture.width() as f32, texture.height() as f32], *tint)
-            }
-            Albedo::Constant(_) | Albedo::VertexColor => ([1.0; 2], Rgb::repeat(1.0)),
-        };
-        for k in 0..2 {
-            self.size[k].0[lane] = size[k];
-        }
-        for k in 0..3 {
-            self.tint[k].0[lane] = tint[k];
-        }
-        let bit = 1 << lane;
-        self.transparent &= !bit;
-        self.spawns &= !bit;
-        self.transparent |= u32::from(material.is_transparent()) << lane;
-        self.spawns |= u32::from(material.spawns_rays()) << lane;
     }
 }
 
@@ -468,13 +398,6 @@ impl<L: Lanes> Corners<L> {
     }
 }
 
-fn texture_of(material: &Material) -> Option<&Texture> {
-    match &material.albedo {
-        Albedo::Texture { texture, .. } => Some(texture),
-        Albedo::Constant(_) | Albedo::VertexColor => None,
-    }
-}
-
 /// A row of [`crate::geometry::Geometry::vertex_rows`], moved to the world.
 fn row_in_world(object: &Object, row: &[f32; LANES]) -> Eight {
     let [x, y, z, nx, ny, nz, ..] = *row;
@@ -577,6 +500,7 @@ mod tests {
     use crate::math::Pose;
     use crate::ray::Ray;
     use crate::{Layer, Normals};
+    use facile_core::Texture;
     use facile_core::{Mesh, Point3};
     use std::sync::Arc;
 
@@ -628,6 +552,7 @@ mod tests {
         let mut blocks = Vec::new();
         let params = BounceParams {
             max_depth: 0,
+            min_share: 0.0,
             offset: 0.05,
             smooth_shadows: true,
         };
