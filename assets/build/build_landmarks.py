@@ -281,19 +281,25 @@ def correct(p: np.ndarray, head: Head) -> np.ndarray:
     jaw[0], jaw[1] = skin.contour(-1.0, 0.2), 0.5 * (jaw[1] + skin.contour(-18.0, 0.2))
     out[:9] = skin.nearest(even(skin.nearest(jaw)))
     out[8] = skin.front(0.0, out[8, 1])
-    # Brow 17-21: on the hairs, between the middle and the upper edge. The segment follows the painted brow.
+    # Brow 17-21: at the upper edge of the hairs, where annotators put it. The segment follows the painted brow.
     brow = head.only("right_brow").points
     for i, x in zip(range(17, 22), np.linspace(brow[:, 0].min() + 2.5, brow[:, 0].max() - 8.0, 5)):
         column = brow[np.abs(brow[:, 0] - x) < 0.6]
         low, high = np.quantile(column[:, 1], [0.05, 0.95])
-        out[i] = skin.front(x, low + 0.62 * (high - low))
+        out[i] = skin.front(x, low + 0.9 * (high - low))
     # Bridge 27-30: the ridge from the height of the eyes to the foremost point of the nose, evenly spaced.
     nose = head.only("nose").points
     tip = nose[np.argmax(nose[:, 2] - 2 * np.abs(nose[:, 0]))]
     for i, y in zip(range(27, 31), np.linspace(out[27, 1], tip[1], 4)):
         out[i] = skin.front(0.0, y)
-    for i in (31, 32, 33):
-        out[i] = skin.front(0.0 if i == 33 else out[i, 0], out[i, 1])
+    # Base of the nose 31-33: where nose and upper lip meet, from the foot of the wing to the middle. The face mesh finds the
+    # columella and the nostrils' upper rims, which lie 7 mm before it.
+    profile = np.array([skin.front(0.0, y) for y in np.arange(tip[1] - 4.0, out[51, 1], -0.1)])
+    chord = (out[51] - tip) / np.linalg.norm(out[51] - tip)
+    behind = np.cross(profile - tip, chord)[:, 0]
+    out[33] = profile[np.argmax(np.abs(behind))]
+    for i in (31, 32):
+        out[i] = skin.front(out[i, 0], out[33, 1] + 0.6)
     # Eyes 36-41: on the lid margin, where the skin meets the eyeball in the front view.
     lid = head.only("right_eyelid").points
     eye = head.parts[2]["vertices"]

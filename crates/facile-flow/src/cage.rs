@@ -5,6 +5,7 @@
 //! `2 pi l` mm is halved; what has no target follows smoothly. Source: Botsch and Sorkine, On linear variational
 //! surface deformation methods, 2008 (discrete operators). Sparse Cholesky on one thread, so that bits repeat.
 
+use facile_core::subdivision::Stencils;
 use facile_core::{Point3, ReferenceHead, Segment, Vector3};
 use faer::prelude::Solve;
 use faer::sparse::linalg::solvers::{Llt, SymbolicLlt};
@@ -14,7 +15,7 @@ use faer::{Mat, Side};
 use crate::FlowError;
 
 /// Share of first-order smoothness: keeps parts without targets from swinging out.
-const MEMBRANE: f64 = 0.05;
+const MEMBRANE: f64 = 0.4;
 /// Opposite rims of the mouth slit closer than this move together, mm.
 const SLIT: f64 = 3.0;
 /// Weight of that bond against one square millimetre of targets.
@@ -158,27 +159,61 @@ impl CageFit {
         targets: &[Target],
         length: f64,
     ) -> Result<Vec<Vector3>, FlowError> {
-        let n = reference.cage.positions.len();
-        let (l2, l4) = (length * length, length.powi(4));
         let stencils = &reference.subdivision.stencils;
-        let mut values: Vec<f64> = (0..self.pattern.rows.len())
-            .map(|k| l4 * self.bending[k] + MEMBRANE * l2 * self.stretching[k] + self.fixed[k])
-            .collect();
-        let mut right = Mat::<f64>::zeros(n, 3);
+        let mut values = self.smoothness(length);
+        let mut right = vec![Vector3::zeros(); reference.cage.positions.len()];
         for target in targets {
-            let row = stencils.row(target.vertex as usize);
-            let mut slots = self.slots[self.slot_starts[target.vertex as usize] as usize..].iter();
-            for (k, &(a, wa)) in row.iter().enumerate() {
-                let weight = target.weight * wa;
-                for (&(_, wb), &slot) in row[k..].iter().zip(&mut slots) {
-                    values[slot as usize] += weight * wb;
-                }
-                for axis in 0..3 {
-                    right[(a as usize, axis)] += weight * target.displacement[axis];
-                }
+            self.add_weight(stencils, target.vertex, target.weight, &mut values);
+            for &(a, w) in stencils.row(target.vertex as usize) {
+                right[a as usize] += target.displacement * (w * target.weight);
             }
         }
-        let singular = FlowError::Singular { unknowns: n };
+        Ok(self.factor(&values)?.solve(&right))
+    }
+
+    /// The values of the smoothness terms over the pattern.
+    pub(crate) fn smoothness(&self, length: f64) -> Vec<f64> {
+        let (l2, l4) = (length * length, length.powi(4));
+        (0..self.pattern.rows.len())
+            .map(|k| l4 * self.bending[k] + MEMBRANE * l2 * self.stretching[k] + self.fixed[k])
+            .collect()
+    }
+
+    /// Adds a weight on the position of one fine vertex to the values.
+    pub(crate) fn add_weight(
+        &self,
+        stencils: &Stencils,
+        vertex: u32,
+        weight: f64,
+        values: &mut [f64],
+    ) {
+        let row = stencils.row(vertex as usize);
+        let mut slots = self.slots[self.slot_starts[vertex as usize] as usize..].iter();
+        for (k, &(_, wa)) in row.iter().enumerate() {
+            for (&(_, wb), &slot) in row[k..].iter().zip(&mut slots) {
+                values[slot as usize] += weight * wa * wb;
+            }
+        }
+    }
+
+    /// The product of the matrix of these values with `x`, added to `out`.
+    pub(crate) fn multiply(&self, values: &[f64], x: &[Vector3], out: &mut [Vector3]) {
+        for column in 0..x.len() {
+            let mut sum = Vector3::zeros();
+            for k in self.pattern.starts[column]..self.pattern.starts[column + 1] {
+                let row = self.pattern.rows[k];
+                out[row] += x[column] * values[k];
+                if row != column {
+                    sum += x[row] * values[k];
+                }
+            }
+            out[column] += sum;
+        }
+    }
+
+    /// Factors the matrix of these values. Cost O(n^1.5).
+    pub(crate) fn factor(&self, values: &[f64]) -> Result<CageFactor, FlowError> {
+        let n = self.pattern.starts.len() - 1;
         let structure = SymbolicSparseColMatRef::new_checked(
             n,
             n,
@@ -186,13 +221,24 @@ impl CageFit {
             None,
             &self.pattern.rows,
         );
-        let matrix = SparseColMatRef::new(structure, &values);
-        let factor = Llt::try_new_with_symbolic(self.symbolic.clone(), matrix, Side::Lower)
-            .map_err(|_| singular)?;
-        factor.solve_in_place(right.as_mut());
-        Ok((0..n)
-            .map(|v| Vector3::new(right[(v, 0)], right[(v, 1)], right[(v, 2)]))
-            .collect())
+        let matrix = SparseColMatRef::new(structure, values);
+        Llt::try_new_with_symbolic(self.symbolic.clone(), matrix, Side::Lower)
+            .map(CageFactor)
+            .map_err(|_| FlowError::Singular { unknowns: n })
+    }
+}
+
+/// A factored matrix over the cage's vertices.
+pub(crate) struct CageFactor(Llt<usize, f64>);
+
+impl CageFactor {
+    /// The solution for one right side a vertex.
+    pub(crate) fn solve(&self, right: &[Vector3]) -> Vec<Vector3> {
+        let mut columns = Mat::<f64>::from_fn(right.len(), 3, |v, axis| right[v][axis]);
+        self.0.solve_in_place(columns.as_mut());
+        (0..right.len())
+            .map(|v| Vector3::new(columns[(v, 0)], columns[(v, 1)], columns[(v, 2)]))
+            .collect()
     }
 }
 

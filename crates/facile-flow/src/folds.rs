@@ -6,6 +6,8 @@ use crate::template::Template;
 
 /// Cosine between a triangle's normal now and on the reference from which it is not looked at any closer.
 const CLEARLY_FLAT: f64 = 0.5;
+/// Rounds of relaxation before the surroundings that are relaxed grow.
+const PATIENCE: usize = 8;
 
 /// Triangles whose normal turned by more than 90 degrees against the rotation of their surroundings.
 pub(crate) fn folded_triangles(template: &Template<'_>, positions: &[Point3]) -> Vec<u32> {
@@ -64,7 +66,8 @@ fn local_rotation(template: &Template<'_>, positions: &[Point3], triangle: &[u32
 /// over; returns how many remain.
 ///
 /// Each round replaces the displacement (against the reference, scaled by `size`) of every vertex within two rings of
-/// a fold by the mean of its neighbours' displacements.
+/// a fold by the mean of its neighbours' displacements. Folds that outlast [`PATIENCE`] rounds are pushed in from around:
+/// the rings grow by one.
 pub(crate) fn unfold(
     template: &Template<'_>,
     positions: &mut [Point3],
@@ -72,7 +75,8 @@ pub(crate) fn unfold(
     rounds: usize,
 ) -> usize {
     let mesh = &template.reference.mesh;
-    for _ in 0..rounds {
+    for round in 0..rounds {
+        let reach = 2 + (round / PATIENCE) as u32;
         let folded = folded_triangles(template, positions);
         if folded.is_empty() {
             return 0;
@@ -81,10 +85,10 @@ pub(crate) fn unfold(
             .iter()
             .flat_map(|t| mesh.triangles[*t as usize])
             .map(|v| v as usize);
-        let rings = template.adjacency.rings_from(seeds, 2);
+        let rings = template.adjacency.rings_from(seeds, reach);
         let shift = |v: usize, p: &[Point3]| p[v].coords - mesh.positions[v].coords * size;
         let moved: Vec<(usize, Vector3)> = (0..positions.len())
-            .filter(|&v| rings[v] <= 2)
+            .filter(|&v| rings[v] <= reach)
             .map(|v| {
                 let neighbors = template.adjacency.of(v);
                 let sum = neighbors

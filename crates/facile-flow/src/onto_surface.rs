@@ -15,7 +15,7 @@ use crate::template::Template;
 use crate::{FlowError, RegistrationParams};
 
 /// Scan surface further away than this is not the template's, mm, in the first step; it halves by the last.
-const REACH: f64 = 8.0;
+pub(crate) const REACH: f64 = 8.0;
 /// Cosine between the template's and the scan's normal from which they are the same surface.
 const SAME_SIDE: f64 = 0.5;
 /// Largest offset of a single fine vertex, mm.
@@ -30,11 +30,15 @@ pub(crate) struct Settled {
 }
 
 /// A trusted point of the scan for a fine vertex.
-struct Offset {
+pub(crate) struct Contact {
+    /// From the vertex to the point, mm.
+    pub(crate) to: Vector3,
     /// Signed distance along the vertex's normal, mm.
-    offset: f64,
+    pub(crate) offset: f64,
+    /// Unit normal between the vertex's and the scan's.
+    pub(crate) normal: Vector3,
     /// `[0, 1]`.
-    weight: f64,
+    pub(crate) weight: f64,
 }
 
 /// Moves the cage onto the scan and returns the fine surface on it.
@@ -106,14 +110,14 @@ pub(crate) fn settle(
 
 /// The scan's trusted point for every fine vertex. Vertices that find no surface at all are marked as `beyond` it and
 /// asked no more, since the reach only shrinks.
-fn contacts(
+pub(crate) fn contacts(
     template: &Template<'_>,
     scan: &WorkingScan<'_>,
     (fine, normals): (&[Point3], &[Vector3]),
     starts: &mut [u32],
     beyond: &mut [bool],
     reach: f64,
-) -> Vec<Option<Offset>> {
+) -> Vec<Option<Contact>> {
     let one = |(v, (start, beyond)): (usize, (&mut u32, &mut bool))| {
         if template.skin[v] <= 0.0 || *beyond {
             return None;
@@ -126,10 +130,13 @@ fn contacts(
             return None;
         }
         *start = hit.triangle;
-        let offset = normals[v].dot(&(hit.point - fine[v]));
+        let to = hit.point - fine[v];
+        let offset = normals[v].dot(&to);
         let far = offset.abs() / reach;
-        Some(Offset {
+        Some(Contact {
+            to,
             offset,
+            normal: (normals[v] + hit.normal) / (2.0 + 2.0 * same).sqrt(),
             weight: template.skin[v]
                 * ((same - SAME_SIDE) / (1.0 - SAME_SIDE)).min(1.0)
                 * (1.0 - far * far),
@@ -144,7 +151,7 @@ fn contacts(
 }
 
 /// Offsets of all fine vertices: trusted ones keep theirs, lightly smoothed; others take their neighbours', fading.
-fn spread_offsets(template: &Template<'_>, contacts: &[Option<Offset>]) -> Vec<f64> {
+fn spread_offsets(template: &Template<'_>, contacts: &[Option<Contact>]) -> Vec<f64> {
     /// Pull of a trusted vertex to its own offset against each neighbour's.
     const OWN: f64 = 4.0;
     /// Vertices trusted less follow the others.

@@ -169,7 +169,7 @@ impl<'a> Registrar<'a> {
                 shape.size,
             );
         }
-        let folded = folds::unfold(template, &mut settled.positions, shape.size, 30);
+        let folded = folds::unfold(template, &mut settled.positions, shape.size, 80);
         clock.stop("settle");
         let expected_error = expected_error(template, &shape, &settled);
         let head_from_scan = scan.head_from_scan();

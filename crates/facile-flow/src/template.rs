@@ -29,6 +29,8 @@ pub(crate) struct Template<'a> {
     pub(crate) skin: Vec<f64>,
     /// Whether each fine vertex belongs to the face: outer skin from forehead to chin, between the ears.
     pub(crate) face: Vec<bool>,
+    /// Whether each fine vertex belongs to an ear.
+    pub(crate) is_ear: Vec<bool>,
     /// Area of each fine vertex, mm^2.
     pub(crate) areas: Vec<f64>,
     /// A number without pattern of each fine vertex that it shares with its mirror image.
@@ -45,7 +47,7 @@ impl<'a> Template<'a> {
             .iter()
             .map(|s| match s {
                 Segment::InnerMouth | Segment::EyeSocket => 0.0,
-                Segment::Scalp | Segment::LeftEar | Segment::RightEar => 0.3,
+                Segment::Scalp => 0.3,
                 Segment::Neck => 0.5,
                 _ => 1.0,
             })
@@ -65,6 +67,7 @@ impl<'a> Template<'a> {
             face: (mesh.positions.iter().zip(&skin))
                 .map(|(p, skin)| in_front(p) && *skin > 0.0)
                 .collect(),
+            is_ear: of_ears(mesh),
             skin,
             areas: vertex_areas(&mesh.positions, &mesh.triangles),
             pair: pairs(reference),
@@ -120,10 +123,15 @@ impl<'a> Template<'a> {
             }
         };
         let raw = sample_channels(&mesh, &map, &attributes, trust, weights);
+        let ears = [Segment::LeftEar, Segment::RightEar].map(|ear| {
+            let is_ear = |t: u32| t != HOLE && self.reference.mesh.segments[t as usize] == ear;
+            map.triangle.map(|t| is_ear(*t))
+        });
         TemplateView {
             mesh,
             normals,
             visible,
+            ears,
             raw,
         }
     }
@@ -152,6 +160,8 @@ pub(crate) struct TemplateView {
     pub(crate) mesh: Mesh,
     pub(crate) normals: Vec<Vector3>,
     pub(crate) visible: Vec<bool>,
+    /// The cells that show the left and the right ear.
+    pub(crate) ears: [Plane<bool>; 2],
     pub(crate) raw: RawImage,
 }
 
@@ -172,6 +182,19 @@ pub(crate) fn vertex_areas(positions: &[Point3], triangles: &[[u32; 3]]) -> Vec<
         }
     }
     areas
+}
+
+/// Which vertices belong to an ear.
+fn of_ears(mesh: &Mesh) -> Vec<bool> {
+    let mut of_ears = vec![false; mesh.positions.len()];
+    for (triangle, segment) in mesh.triangles.iter().zip(&mesh.segments) {
+        if matches!(segment, Segment::LeftEar | Segment::RightEar) {
+            for &v in triangle {
+                of_ears[v as usize] = true;
+            }
+        }
+    }
+    of_ears
 }
 
 /// How far each vertex may be drawn to a scan: what scans do not show must follow its surroundings.

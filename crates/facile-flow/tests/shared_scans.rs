@@ -10,8 +10,7 @@ use facile_flow::{RegistrationParams, ScanLandmarks, register};
 /// Groups of the annotation in the order of the 68 points of ibug.
 const ORDER: [std::ops::Range<usize>; 7] = [0..17, 29..34, 43..48, 34..43, 17..23, 23..29, 48..68];
 
-/// First landmark inside the face, and the first below the brows: this annotation sets the brows' points some 8 mm above
-/// the hairs, where the reference has them.
+/// First landmark inside the face, and the first below the brows: one of this person's brows is raised.
 const INNER: usize = 17;
 const BELOW_BROWS: usize = 27;
 
@@ -39,7 +38,7 @@ fn annotated(path: &Path) -> Vec<Point3> {
 }
 
 #[test]
-fn the_landmarks_of_a_raw_scan_are_found_within_5_and_a_half_mm() {
+fn the_landmarks_of_a_raw_scan_are_found_within_4_and_a_half_mm() {
     let (Some(scan), Some(annotation)) = (
         shared("data/scans/james/james.obj"),
         shared("data/scans/james/james.ljson"),
@@ -67,8 +66,8 @@ fn the_landmarks_of_a_raw_scan_are_found_within_5_and_a_half_mm() {
     let found = register(reference, &scan, &params).expect("a face");
     let (mean, below_brows) = (distance(&found, INNER), distance(&found, BELOW_BROWS));
     eprintln!("{mean:.2} mm, without brows {below_brows:.2} mm");
-    // 5.2 mm: 8.6 at the brows and 7.8 under the nose, where the annotation means other places; 2.5 at lids and mouth's slit.
-    assert!(mean < 5.5, "{mean} mm");
+    // 4.2 mm: 6.8 at the brows, 5.9 on the lips' outer border under the beard, 2.4 at lids and mouth's slit.
+    assert!(mean < 4.5, "{mean} mm");
     assert!(below_brows < mean, "{below_brows} mm without brows");
     // Told where they are, the landmarks are held.
     let landmarks = ScanLandmarks::new(truth.clone()).expect("68 points");
