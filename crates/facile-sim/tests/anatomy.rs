@@ -1,0 +1,100 @@
+//! What muscles, jaw and gaze do to the mean head.
+
+use std::sync::OnceLock;
+
+use facile_core::{Point3, ReferenceHead};
+use facile_sim::work_precision::largest_distance;
+use facile_sim::{Equilibrium, FaceModel, MuscleSet, Pose, Solver, SolverParams, mean_subject};
+
+fn model() -> &'static FaceModel {
+    static MODEL: OnceLock<FaceModel> = OnceLock::new();
+    MODEL.get_or_init(|| {
+        let reference = ReferenceHead::embedded();
+        FaceModel::new(reference, MuscleSet::embedded(), &mean_subject(reference))
+            .expect("the mean head")
+    })
+}
+
+fn pose(key: &str, contraction: f64) -> Pose {
+    let mut pose = Pose::default();
+    pose.set(MuscleSet::embedded(), key, contraction)
+        .expect("known");
+    pose
+}
+
+fn solve(pose: &Pose) -> Equilibrium {
+    Solver::new()
+        .solve(model(), pose, &SolverParams::default())
+        .expect("converges")
+}
+
+/// An ibug-68 landmark.
+fn mark(positions: &[Point3], k: usize) -> Point3 {
+    let reference = ReferenceHead::embedded();
+    let scheme = reference.scheme("ibug68").expect("built in");
+    scheme.points[k].position(positions, &reference.mesh.triangles)
+}
+
+fn rest(k: usize) -> Point3 {
+    mark(&ReferenceHead::embedded().mesh.positions, k)
+}
+
+#[test]
+fn no_muscle_makes_the_face_jump() {
+    for muscle in MuscleSet::embedded().muscles() {
+        for c in [0.1, 0.7] {
+            let at = |more: f64| solve(&pose(&muscle.name, c + more));
+            let start = at(0.0);
+            let [half, whole] = [0.0005, 0.001].map(|more| largest_distance(&start, &at(more)));
+            // What is left of a step half as long besides half the way is a jump.
+            let jump = (whole - 2.0 * half).abs();
+            assert!(jump < 0.002, "{} at {c}: {jump} mm", muscle.name);
+            assert!(whole < 0.03, "{} at {c}: {whole} mm for 0.001", muscle.name);
+        }
+    }
+}
+
+#[test]
+fn a_contracted_orbicularis_oris_is_dragged_along_by_the_jaw() {
+    let pursed = pose("orbicularis_oris", 0.5);
+    let mut dropped = pursed.clone();
+    dropped.jaw.open_rad = 0.25;
+    let (a, b) = (solve(&pursed), solve(&dropped));
+    let drop = |k: usize| mark(&a.positions, k).y - mark(&b.positions, k).y;
+    // Middle of the lower lip's rim, of the upper one's, both corners.
+    let (lower, upper, left, right) = (drop(57), drop(51), drop(54), drop(48));
+    assert!(lower > 4.0, "{lower}");
+    assert!(upper < 0.5 * lower, "{upper} {lower}");
+    assert!(
+        left > 1.0 && right > 1.0 && left.max(right) < lower,
+        "{left} {right}"
+    );
+    // The muscle still narrows the mouth that the jaw opens.
+    let width = |p: &[Point3]| (mark(p, 54) - mark(p, 48)).norm();
+    let mut open = Pose::default();
+    open.jaw.open_rad = 0.25;
+    assert!(width(&b.positions) < width(&solve(&open).positions) - 1.0);
+}
+
+#[test]
+fn lids_follow_the_gaze_down_and_up_but_not_to_the_side() {
+    let look = |pitch: f64, yaw: f64| {
+        let mut pose = Pose::default();
+        pose.gaze.pitch_rad = pitch;
+        pose.gaze.yaw_rad = yaw;
+        solve(&pose)
+    };
+    let (down, up, aside) = (look(-0.3, 0.0), look(0.3, 0.0), look(0.0, 0.3));
+    for (upper, lower) in [(43, 47), (38, 40)] {
+        let rise = |face: &Equilibrium, k: usize| mark(&face.positions, k).y - rest(k).y;
+        assert!(
+            rise(&down, upper) < -1.0 && rise(&up, upper) > 0.5,
+            "{upper}"
+        );
+        // The lower lid goes the same way, less far.
+        assert!(rise(&down, lower) < 0.0 && rise(&down, lower) > rise(&down, upper));
+        assert!(rise(&aside, upper).abs() < 1e-6);
+    }
+    let turned = aside.eyes[0] * facile_core::Vector3::z();
+    assert!((turned.x - libm::sin(0.3)).abs() < 1e-9);
+}
