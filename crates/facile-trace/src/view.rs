@@ -29,7 +29,7 @@ use crate::sampling::{
 use crate::scene::{Layer, Scene};
 use crate::scratch;
 use crate::srgb::srgb8;
-use crate::subsurface::{Skin, SkinPixel};
+use crate::subsurface::{SPREAD_SHARE, Skin, SkinPixel};
 use crate::surface;
 use crate::whitted::{Shaded, Shader, Wanted};
 
@@ -524,7 +524,8 @@ impl View {
             lit.spread.extend(added.map(|(added, pixel)| {
                 let (block, k) = (pixel.sample as usize / LANES, pixel.sample as usize % LANES);
                 let at = (pixel.at[0] as usize, pixel.at[1] as usize);
-                (at, surface::lane(&albedo[block], k).component_mul(&added))
+                let spread = added.component_mul(&SPREAD_SHARE);
+                (at, surface::lane(&albedo[block], k).component_mul(&spread))
             }));
         }
         lit
