@@ -164,7 +164,7 @@ fn bodies_of_occluders_are_numbered_and_classed() {
     let tables = kinds
         .map(|k| format!("[[occluder]]\nkind = \"{k}\"\n"))
         .concat();
-    let recipe = format!("{RECIPE}\n{tables}");
+    let recipe = format!("{RECIPE}\n{tables}").replace("on = []", "styles = [\"short03\"]");
     let samples = samples(&recipe);
     for (i, kind) in kinds.into_iter().enumerate() {
         let maps = &samples[2 * i].maps;

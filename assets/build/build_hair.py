@@ -25,6 +25,8 @@ OUT = Path(__file__).resolve().parent.parent / "hair"
 STYLES = ("short01", "short02", "short03", "short04", "bob01", "bob02", "afro01", "long01", "ponytail01", "Braid01")
 LASHES = "eyelashes02"
 SIZE = 512
+# Weight of a lock's outline against that of the strands in it.
+OUTLINE_WEIGHT = 0.3
 # Where strands grow from: the whorl at the back of the crown, head frame, mm.
 WHORL = np.array([0.0, 112.0, -55.0])
 
@@ -65,11 +67,16 @@ def used_texels(proxy: makehuman.Proxy) -> np.ndarray:
 
 def strands(p: np.ndarray, faces: np.ndarray, uv: np.ndarray, light: np.ndarray, cover: np.ndarray) -> np.ndarray:
     """Unit direction of the strands at each vertex: along the texture's edges, from the whorl outwards."""
-    blurred = gaussian_filter(light, 1.0)
-    gx, gy = sobel(blurred, 1), -sobel(blurred, 0)
-    inside = (cover > 0.5).astype(float)
-    xx, yy, xy = (gaussian_filter(a * inside, 5) for a in (gx * gx, gy * gy, gx * gy))
-    tensor = raster.sample(np.stack([xx, yy, xy], -1), uv.mean(1))
+    # Strands are fine: painted highlights, which run across them, are wider. Single locks show them by their outline.
+    fine = gaussian_filter(light, 0.6) - gaussian_filter(light, 2.0)
+    inside = binary_erosion(cover > 0.5, iterations=3).astype(float)
+    outline = gaussian_filter(cover, 1.5)
+    strength = np.sqrt(gaussian_filter(fine**2 * inside, 9) / np.maximum(gaussian_filter(inside, 9), 1e-3)) + 1e-3
+    tensor = 0.0
+    for picture, weight in ((fine, inside / strength**2), (outline, np.full_like(inside, OUTLINE_WEIGHT))):
+        gx, gy = sobel(picture, 1), -sobel(picture, 0)
+        tensor += np.stack([gaussian_filter(a * weight, 6) for a in (gx * gx, gy * gy, gx * gy)], -1)
+    tensor = raster.sample(tensor, uv.mean(1))
     # The strand runs across the strongest gradient
     angle = 0.5 * np.arctan2(2 * tensor[:, 2], tensor[:, 0] - tensor[:, 1]) + np.pi / 2
     along = np.stack([np.cos(angle), np.sin(angle)], -1)

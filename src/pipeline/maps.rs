@@ -78,10 +78,12 @@ impl Maps {
                 .and(buffer.coverage.as_ref())
                 .map(|plane| plane.map(|share| (share * 255.0).round() as u8)),
             instances: hits(Truth::Instances).map(|plane| {
+                let objects = scene.scene.objects();
+                let is_body = |hit: &Hit| objects[hit.object as usize].is_occluder();
                 let first = scene.parts() as u32;
-                plane.map(|hit| match hit.ok() {
-                    Some(hit) if hit.object >= first => (hit.object - first + 1).min(255) as u8,
-                    _ => 0,
+                plane.map(|hit| match hit.ok().filter(is_body) {
+                    Some(hit) => (hit.object - first + 1).min(255) as u8,
+                    None => 0,
                 })
             }),
             reference: hits(Truth::Reference)

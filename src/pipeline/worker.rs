@@ -4,6 +4,7 @@
 //! samples of a group in order it solves one equilibrium, refits one scene and traces each view once; asked at random it
 //! makes the same bytes, and with [`Worker::keep_views`] as fast.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
@@ -149,8 +150,10 @@ impl Worker {
     /// [`Error::Index`] beyond the last sample; whatever a stage reports.
     pub fn sample(&mut self, index: u64) -> Result<Sample, Error> {
         let pipeline = self.pipeline.clone();
-        let scene = pipeline.recipe().scene(index)?;
+        let mut scene = pipeline.recipe().scene(index)?;
         let person = self.person(scene.subject)?;
+        let hair = person.hair.as_ref().map(|h| h.color);
+        scene.occluder = Cow::Owned(scene.occluder.into_owned().colored(hair));
         self.pose(&person, &scene.expression.pose)?;
         self.trace(&person, &scene.occluder, &scene.view)?;
         let behind = pipeline
@@ -228,7 +231,7 @@ impl Worker {
                 Some(posed) => posed.scene,
                 None => pipeline.head_scene(person, self.last.take().as_ref())?,
             };
-            scene.remove_added()?;
+            scene.remove_added();
             pipeline.show_face(&mut scene, &face)?;
             Ok::<_, Error>(scene)
         })?;
@@ -283,7 +286,7 @@ impl Worker {
         if posed.occluder.as_ref() == Some(occluder) {
             return Ok(());
         }
-        posed.scene.remove_added()?;
+        posed.scene.remove_added();
         posed.occluder = None;
         let known = posed.occluders.iter().find(|(o, _)| o == occluder);
         let objects = match known {

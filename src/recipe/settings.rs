@@ -228,6 +228,20 @@ impl Occluder {
         )
     }
 
+    /// The occluder with a colour for what was given none: a fringe has that of the person's hair.
+    #[must_use]
+    pub fn colored(mut self, hair: Option<[u8; 3]>) -> Self {
+        if let Self::Prop(prop) = &mut self {
+            let usual = match prop.kind {
+                PropKind::Fringe => hair,
+                _ => None,
+            };
+            let color = prop.color.or(usual);
+            prop.color = Some(color.unwrap_or(prop.kind.usual_color()));
+        }
+        self
+    }
+
     /// The name of its kind in recipes and records.
     pub fn kind(&self) -> String {
         let value = serde_json::to_value(self).unwrap_or_default();

@@ -151,7 +151,7 @@ fn occluder<'a>(
                     _ => {}
                 }
             }
-            prop.color = color.unwrap_or(prop.color);
+            prop.color = color.or(prop.color);
         }
         Occluder::Model(model) => {
             for (name, v) in values {

@@ -74,9 +74,13 @@ impl HairStyle {
 
     /// Mean brightness of what is there, linear.
     pub fn mean_light(&self) -> f32 {
+        self.mean_light_of(&self.light)
+    }
+
+    /// The same for other brightnesses of the same texels.
+    pub fn mean_light_of(&self, light: &Texture) -> f32 {
         let lut = &*crate::color::LINEAR_FROM_SRGB8;
-        let there = self
-            .light
+        let there = light
             .texels()
             .iter()
             .zip(&self.cover)

@@ -9,7 +9,7 @@ use crate::TraceError;
 use crate::clothes::ShirtFit;
 use crate::cornea;
 use crate::geometry::Normals;
-use crate::hair::{self, Hair, HairFit, LashFit, toned_scalp};
+use crate::hair::{self, Cards, Hair, HairFit, LashFit, toned_scalp};
 use crate::material::{Albedo, Material};
 use crate::math::{Pose, Rgb, Vec3, pose_from_isometry, vec3_from_point};
 use crate::object::{Object, SegmentCap};
@@ -46,11 +46,9 @@ pub struct HeadScene {
 /// Hair of a head.
 #[derive(Clone, Debug)]
 struct WornHair {
-    /// Index in the scene.
+    /// Index in the scene, when nothing is worn over it.
     index: usize,
-    /// Its vertices when nothing is worn over it, mm.
-    rest: Vec<Point3>,
-    is_pressed: bool,
+    cards: Cards,
 }
 
 impl HeadScene {
@@ -181,7 +179,7 @@ impl HeadScene {
     /// Puts hair on a head at rest, and its colour on the scalp. Comes before anything is put in front of the head.
     ///
     /// # Errors
-    /// As [`HairFit::object`].
+    /// As [`Object::new`].
     pub fn add_hair(
         &mut self,
         reference: &ReferenceHead,
@@ -189,9 +187,9 @@ impl HeadScene {
         fit: &HairFit,
         hair: &Hair,
     ) -> Result<(), TraceError> {
-        self.remove_added()?;
+        self.remove_added();
         let skin = &self.scene.objects()[Self::SKIN];
-        let object = fit.object(reference, subject, skin, hair.color)?;
+        let cards = fit.cards(reference, subject, skin, hair.color);
         let color = hair
             .color
             .map(|c| facile_core::color::LINEAR_FROM_SRGB8[usize::from(c)]);
@@ -201,14 +199,8 @@ impl HeadScene {
                 texture.clone_from(&toned);
             }
         }
-        let rest = object.geometry().positions().iter();
-        let rest = rest.map(|p| Point3::from(p.cast::<f64>())).collect();
-        let index = self.scene.add(object);
-        self.hair = Some(WornHair {
-            index,
-            rest,
-            is_pressed: false,
-        });
+        let index = self.scene.add(cards.object(None)?);
+        self.hair = Some(WornHair { index, cards });
         self.parts = self.scene.objects().len();
         Ok(())
     }
@@ -224,7 +216,7 @@ impl HeadScene {
         fit: &ShirtFit,
         color: [u8; 3],
     ) -> Result<(), TraceError> {
-        self.remove_added()?;
+        self.remove_added();
         let skin = &self.scene.objects()[Self::SKIN];
         let object = fit.object(reference, subject, skin, color)?;
         self.scene.add(object);
@@ -235,14 +227,16 @@ impl HeadScene {
     /// Presses the hair under something worn over it: the scene's object `worn`, such as a cap.
     ///
     /// # Errors
-    /// As [`Object::set_positions`].
+    /// As [`Object::new`].
     pub fn press_hair(&mut self, worn: usize) -> Result<(), TraceError> {
-        let Some(hair) = &mut self.hair else {
+        let Some(hair) = &self.hair else {
             return Ok(());
         };
-        let pressed = hair::pressed(&hair.rest, &self.scene.objects()[worn]);
-        hair.is_pressed = true;
-        hair::set_positions(&mut self.scene.objects_mut()[hair.index], &pressed)
+        let objects = self.scene.objects();
+        let pressed = hair::pressed(&hair.cards, &objects[worn], &objects[Self::SKIN])?;
+        self.scene.objects_mut()[hair.index].set_visible(false);
+        self.scene.add(pressed);
+        Ok(())
     }
 
     /// Puts lashes on the lids of a face given by its fine vertices, mm. Comes before anything is put in front of the head.
@@ -254,24 +248,19 @@ impl HeadScene {
         fit: &Arc<LashFit>,
         positions: &[Point3],
     ) -> Result<(), TraceError> {
-        self.remove_added()?;
+        self.remove_added();
         let index = self.scene.add(fit.object(positions)?);
         self.lashes = Some((fit.clone(), index));
         self.parts = self.scene.objects().len();
         Ok(())
     }
 
-    /// Removes everything that was added behind the head's own parts.
-    ///
-    /// # Errors
-    /// None in practice: hair goes back to where it was.
-    pub fn remove_added(&mut self) -> Result<(), TraceError> {
+    /// Removes everything that was added behind the head's own parts; hair is as it was.
+    pub fn remove_added(&mut self) {
         self.scene.truncate(self.parts);
-        if let Some(hair) = self.hair.as_mut().filter(|h| h.is_pressed) {
-            hair.is_pressed = false;
-            hair::set_positions(&mut self.scene.objects_mut()[hair.index], &hair.rest)?;
+        if let Some(hair) = &self.hair {
+            self.scene.objects_mut()[hair.index].set_visible(true);
         }
-        Ok(())
     }
 
     /// Turns the left and the right eye.

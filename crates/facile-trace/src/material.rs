@@ -72,7 +72,8 @@ pub struct Material {
     pub shininess: f32,
     /// Roughness of the surface in `[0, 1]`: 0.2 wet lips, 0.35 an oily nose, 0.5 a dry cheek; 0 for Phong's highlight.
     pub roughness: f32,
-    /// How far light spreads under the surface, standard deviation of each linear RGB channel, mm; 0 for not at all. See
+    /// How far light spreads under the surface, as far as it does, standard deviation of each linear RGB channel, mm; 0 for
+    /// not at all. See
     /// [`crate::subsurface`].
     pub scatter_mm: Rgb,
     /// Mirror reflection at normal incidence, in `[0, 1]`; grows towards 1 at grazing angles by Schlick's rule. 0 spawns
@@ -113,16 +114,19 @@ impl Material {
         }
     }
 
+    /// How far the light that spreads under skin goes, see [`Material::skin`].
+    pub(crate) const SKIN_SCATTER_MM: Rgb = Rgb::new(1.43, 0.35, 0.245);
+
     /// Skin with a texture: a rough, oily surface, and red light that spreads under it.
     ///
-    /// Distances: the variances of d'Eon and Luebke, Advanced Techniques for Realistic Real-Time Skin Rendering, GPU Gems 3,
-    /// 2007, of each channel's sum of Gaussians.
+    /// Distances: of what spreads ([`crate::subsurface`]), the variances of d'Eon and Luebke, Advanced Techniques for Realistic
+    /// Real-Time Skin Rendering, GPU Gems 3, 2007, of each channel's sum of Gaussians.
     pub fn skin(texture: Arc<Texture>) -> Self {
         Self {
             albedo: Albedo::texture(texture),
             specular: 0.028,
             roughness: 0.45,
-            scatter_mm: Rgb::new(1.18, 0.27, 0.16),
+            scatter_mm: Self::SKIN_SCATTER_MM,
             ..Self::default()
         }
     }

@@ -21,6 +21,10 @@ use crate::scratch;
 /// Support of the biweight kernel over its standard deviation, the square root of 7.
 const SUPPORT: f32 = 2.645_751_3;
 
+/// Share of each channel's light that spreads; the rest comes out closer to where it went in than pixels are apart. Of the
+/// sum of Gaussians that [`crate::Material::skin`] names: all but the two narrowest of red, all but the narrowest of others.
+pub(crate) const SPREAD_SHARE: Rgb = Rgb::new(0.667, 0.545, 0.351);
+
 /// Neighbours on either side at most: bounds the cost of close-ups.
 const MAX_RADIUS: usize = 40;
 

@@ -92,7 +92,7 @@ fn occluder(table: &OccluderTable, base: &Path, place: &Place) -> Result<Occlude
     only(&[&["color", "size"], kind.places()].concat())?;
     let usual = Prop::new(kind);
     Ok(Occluder::Prop(Prop {
-        color: table.color.unwrap_or(usual.color),
+        color: table.color,
         size: in_range(
             table.size.unwrap_or(1.0),
             0.7..=1.3,

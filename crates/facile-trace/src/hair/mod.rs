@@ -6,7 +6,9 @@
 //! where it is on the neutral head; lashes ([`LashFit`]) move with the lids.
 
 mod lashes;
+mod press;
 mod scalp;
+mod streaks;
 
 use std::sync::Arc;
 
@@ -22,6 +24,7 @@ use crate::object::Object;
 use crate::ray::Ray;
 
 pub use lashes::LashFit;
+pub(crate) use press::pressed;
 pub use scalp::toned_scalp;
 
 /// Vertices of the head that a vertex of hair follows.
@@ -31,8 +34,6 @@ const REACH_MM: f64 = 6.0;
 const REACH_SHARE: f64 = 0.35;
 /// Least distance of cards from the skin, mm, unless they are closer on the reference head.
 const CLEARANCE_MM: f64 = 1.2;
-/// How far under what is worn over it hair lies, mm.
-const UNDER_MM: f64 = 0.9;
 /// How far outside the head probes start, mm.
 const OUTSIDE_MM: f64 = 400.0;
 /// Share of ambient light that hair gets: fibres hide the sky from each other.
@@ -54,6 +55,8 @@ pub struct HairFit {
     style: &'static HairStyle,
     cutout: Arc<Cutout>,
     light: Arc<Texture>,
+    /// Mean of the light where there are strands.
+    mean_light: f32,
     anchors: Vec<[(u32, f64); ANCHORS]>,
     /// Distance of each vertex from the reference head's skin, mm; infinite where no skin is behind it.
     gaps: Vec<f64>,
@@ -69,10 +72,12 @@ impl HairFit {
         let candidates = outer_vertices(reference);
         let skin = Object::new(&reference.mesh, Normals::Flat, Material::default())?;
         let positions = &style.mesh.positions;
+        let light = streaks::streaked(style);
         Ok(Self {
             style,
             cutout: Arc::new(Cutout::new(&style.mesh, style.size(), style.cover.clone())?),
-            light: Arc::new(style.light.clone()),
+            mean_light: style.mean_light_of(&light),
+            light: Arc::new(light),
             anchors: positions.iter().map(|p| anchors(p, &candidates)).collect(),
             gaps: positions
                 .iter()
@@ -81,27 +86,24 @@ impl HairFit {
         })
     }
 
-    /// The hair of a person whose skin at rest is `skin`.
-    ///
-    /// # Errors
-    /// As [`Object::new`].
-    pub fn object(
+    /// The hair of a person whose skin at rest is `skin`, in an 8-bit sRGB colour.
+    pub(crate) fn cards(
         &self,
         reference: &ReferenceHead,
         subject: &Subject,
         skin: &Object,
         color: [u8; 3],
-    ) -> Result<Object, TraceError> {
-        let mesh = Mesh {
-            positions: self.positions(reference, subject, skin),
-            ..self.style.mesh.clone()
-        };
-        let normals = volume_normals(&mesh);
-        let strands = self.style.strands.iter().map(vec3_from_vector).collect();
-        let object = Object::new(&mesh, Normals::Smooth, self.material(color))?
-            .with_vertex_normals(normals)?
-            .with_strands(strands)?;
-        object.with_cutout(self.cutout.clone())
+    ) -> Cards {
+        Cards {
+            mesh: Mesh {
+                positions: self.positions(reference, subject, skin),
+                ..self.style.mesh.clone()
+            },
+            strands: self.style.strands.clone(),
+            material: self.material(color),
+            style: self.style,
+            cutout: self.cutout.clone(),
+        }
     }
 
     fn material(&self, color: [u8; 3]) -> Material {
@@ -109,7 +111,7 @@ impl HairFit {
         Material {
             albedo: Albedo::Texture {
                 texture: self.light.clone(),
-                tint: Rgb::from(color) / self.style.mean_light().max(1e-3),
+                tint: Rgb::from(color) / self.mean_light.max(1e-3),
             },
             exposure: EXPOSURE,
             ..Material::default()
@@ -137,6 +139,32 @@ impl HairFit {
     }
 }
 
+/// The cards of a person.
+#[derive(Clone, Debug)]
+pub(crate) struct Cards {
+    mesh: Mesh,
+    /// Direction at each vertex.
+    strands: Vec<Vector3>,
+    material: Material,
+    style: &'static HairStyle,
+    cutout: Arc<Cutout>,
+}
+
+impl Cards {
+    /// The cards as an object, with a cutout of their own if their triangles are not those of the style.
+    ///
+    /// # Errors
+    /// As [`Object::new`].
+    pub(crate) fn object(&self, cutout: Option<Arc<Cutout>>) -> Result<Object, TraceError> {
+        let normals = volume_normals(&self.mesh);
+        let strands = self.strands.iter().map(vec3_from_vector).collect();
+        Object::new(&self.mesh, Normals::Smooth, self.material.clone())?
+            .with_vertex_normals(normals)?
+            .with_strands(strands)?
+            .with_cutout(cutout.unwrap_or_else(|| self.cutout.clone()))
+    }
+}
+
 /// A point at least `gap` mm outside the skin.
 pub(crate) fn pushed_out(p: Point3, gap: f64, skin: &Object) -> Point3 {
     let ray = Outwards::to(&p);
@@ -150,33 +178,6 @@ pub(crate) fn pushed_out(p: Point3, gap: f64, skin: &Object) -> Point3 {
 #[cfg(test)]
 pub(crate) fn gap_from_skin(p: &Point3, skin: &Object) -> Option<f64> {
     Outwards::to(p).gap(skin)
-}
-
-/// Vertices of hair pressed under a surface worn over it: those beyond it on the ray from the middle of the head come in.
-pub(crate) fn pressed(rest: &[Point3], worn: &Object) -> Vec<Point3> {
-    let press = |p: &Point3| {
-        let ray = Outwards::to(p);
-        let distance = (p - ray.middle).norm();
-        let outwards = Ray::new(vec3_from_point(&ray.middle), vec3_from_vector(&ray.out));
-        match worn.closest_hit(&worn.ray_in_object(&outwards)) {
-            Some(hit) if f64::from(hit.t) - UNDER_MM < distance => {
-                ray.middle + ray.out * (f64::from(hit.t) - UNDER_MM)
-            }
-            _ => *p,
-        }
-    };
-    rest.iter().map(press).collect()
-}
-
-/// Moves the vertices of hair, whose normals stay those of a volume.
-pub(crate) fn set_positions(hair: &mut Object, positions: &[Point3]) -> Result<(), TraceError> {
-    hair.set_positions(positions)?;
-    let mesh = Mesh {
-        positions: positions.to_vec(),
-        triangles: hair.geometry().triangles().to_vec(),
-        ..Mesh::default()
-    };
-    hair.geometry.set_normals(volume_normals(&mesh))
 }
 
 /// The way from the middle of the head to a point.

@@ -7,24 +7,26 @@ use super::Prop;
 use super::fit::FaceFit;
 
 /// Ribbons, and steps of each from root to tip.
-const RIBBONS: usize = 170;
-const STEPS: usize = 12;
+const RIBBONS: usize = 260;
+const STEPS: usize = 14;
 
 /// The ribbons and the direction of hair at each of their vertices.
 pub(super) fn fringe(style: &Prop, fit: &FaceFit<'_>) -> (Mesh, Vec<Vector3>) {
     let scale = fit.half_eye_distance() / 29.0;
     let brow = fit.landmark(19).y.midpoint(fit.landmark(24).y);
     let half_width = 50.0 * scale;
-    let (hairline, tip) = (brow + 52.0 * scale, brow - 6.0 * scale + style.y_mm);
+    // Roots lie behind the hairline, where hair of its own covers them
+    let (hairline, tip) = (brow + 74.0 * scale, brow - 6.0 * scale + style.y_mm);
     let length = (hairline - tip) * style.size;
     let mut stream = RandomStream::new(11, 0);
     let (mut mesh, mut strands) = (Mesh::default(), Vec::new());
     for ribbon in 0..RIBBONS {
         let s = 2.0 * (ribbon as f64 + stream.unit()) / RIBBONS as f64 - 1.0;
         let (drift, lift) = (stream.uniform(-9.0, 9.0), stream.uniform(0.8, 5.0));
-        let (reach, width) = (stream.uniform(0.82, 1.08), stream.uniform(0.8, 2.2) * scale);
+        let (reach, width) = (stream.uniform(0.8, 1.08), stream.uniform(0.5, 1.5) * scale);
+        let set_back = 12.0 * scale * stream.unit();
         // The hairline falls to the sides
-        let root = hairline - 16.0 * scale * s * s;
+        let root = hairline - 22.0 * scale * s * s - set_back;
         let base = mesh.positions.len() as u32;
         let mut last = None;
         // Below the brow hair hangs: it does not follow the skin back into the eyes
@@ -43,7 +45,8 @@ pub(super) fn fringe(style: &Prop, fit: &FaceFit<'_>) -> (Mesh, Vec<Vector3>) {
             let center = Point3::new(x, y, hang + (1.0 + bow * t.min(0.25) * 4.0) * scale);
             let along = last.map_or(-Vector3::y(), |l: Point3| center - l);
             last = Some(center);
-            let half = width * (1.0 - 0.85 * t * t);
+            // Thin at the root, where hair parts, and at the tip
+            let half = width * (1.0 - 0.85 * t * t) * (0.35 + 0.65 * (4.0 * t).min(1.0));
             let side = Vector3::x() * half;
             mesh.positions.extend([center - side, center + side]);
             strands.extend([along; 2]);

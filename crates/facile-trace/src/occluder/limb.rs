@@ -2,6 +2,8 @@
 
 use facile_core::{Mesh, Point3, Segment, Vector3};
 
+use super::sweep::{add_ring, join_rings};
+
 /// Corners of a cross-section.
 const SIDES: usize = 16;
 /// Rings of a round end.
@@ -24,19 +26,7 @@ pub(super) fn add_limb(mesh: &mut Mesh, stations: &[Station], up: Vector3, depth
     let mut rings = 0;
     let n = stations.len();
     let mut ring = |mesh: &mut Mesh, at: Point3, half: [f64; 2], tangent: Vector3| {
-        let side = tangent
-            .cross(&up)
-            .try_normalize(1e-12)
-            .unwrap_or_else(Vector3::x);
-        let along = side
-            .cross(&tangent)
-            .try_normalize(1e-12)
-            .unwrap_or_else(Vector3::y);
-        for k in 0..SIDES {
-            let (s, c) = libm::sincos(std::f64::consts::TAU * k as f64 / SIDES as f64);
-            mesh.positions
-                .push(at + side * (c * half[0]) + along * (s * half[1]));
-        }
+        add_ring(mesh, at, tangent, up, half, SIDES);
         rings += 1;
     };
     let tangent = |i: usize| {
@@ -66,11 +56,7 @@ pub(super) fn add_limb(mesh: &mut Mesh, stations: &[Station], up: Vector3, depth
     }
     let vertex = |i: u32, k: usize| base + i * SIDES as u32 + (k % SIDES) as u32;
     for i in 0..rings - 1 {
-        for k in 0..SIDES {
-            let [a, b] = [vertex(i, k), vertex(i, k + 1)];
-            let [c, d] = [vertex(i + 1, k + 1), vertex(i + 1, k)];
-            mesh.triangles.extend([[a, c, b], [a, d, c]]);
-        }
+        join_rings(mesh, [vertex(i, 0), vertex(i + 1, 0)], SIDES);
     }
     for k in 1..SIDES - 1 {
         mesh.triangles

@@ -6,6 +6,7 @@
 
 mod drape;
 mod fit;
+mod flesh;
 mod fringe;
 mod glasses;
 mod hand;

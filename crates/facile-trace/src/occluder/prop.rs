@@ -95,8 +95,9 @@ impl PropKind {
 pub struct Prop {
     /// What it is.
     pub kind: PropKind,
-    /// 8-bit sRGB colour.
-    pub color: [u8; 3],
+    /// 8-bit sRGB colour; [`PropKind::usual_color`] if not given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub color: Option<[u8; 3]>,
     /// Size relative to a usual one, in `[0.7, 1.3]`: height of a mask, thickness of a scarf, length of a brim or fringe,
     /// width of a band, cups, hand, pole.
     pub size: f64,
@@ -113,7 +114,7 @@ impl Prop {
     pub fn new(kind: PropKind) -> Self {
         Self {
             kind,
-            color: kind.usual_color(),
+            color: None,
             size: 1.0,
             x_mm: 0.0,
             y_mm: 0.0,
@@ -127,10 +128,7 @@ impl Prop {
     /// [`TraceError::Setting`] for numbers out of range; as [`Object::new`].
     pub fn object(&self, fit: &FaceFit<'_>) -> Result<Object, TraceError> {
         self.check()?;
-        let color = self
-            .color
-            .map(|v| facile_core::color::LINEAR_FROM_SRGB8[usize::from(v)]);
-        let color = Rgb::from(color);
+        let color = self.linear_color();
         if self.kind == PropKind::Fringe {
             let (mut mesh, strands) = fringe::fringe(self, fit);
             mesh.segments.fill(self.kind.segment());
@@ -151,12 +149,17 @@ impl Prop {
             PropKind::Hat => drape::hat(self, fit),
             PropKind::HeadBand => drape::head_band(self, fit),
             PropKind::Headphones => headphones::headphones(self, fit),
-            PropKind::Hand => hand::hand(self, fit),
+            PropKind::Hand => hand::hand(self, fit, self.linear_color().into()),
             PropKind::Bar => hand::bar(self, fit),
             PropKind::Fringe => fringe::fringe(self, fit).0,
         };
         mesh.segments.fill(self.kind.segment());
         mesh
+    }
+
+    fn linear_color(&self) -> Rgb {
+        let color = self.color.unwrap_or(self.kind.usual_color());
+        Rgb::from(color.map(|v| facile_core::color::LINEAR_FROM_SRGB8[usize::from(v)]))
     }
 
     fn material(&self, color: Rgb) -> Material {
@@ -168,7 +171,8 @@ impl Prop {
         };
         match self.kind {
             PropKind::Hand => Material {
-                scatter_mm: Rgb::new(1.18, 0.27, 0.16),
+                albedo: Albedo::VertexColor,
+                scatter_mm: Material::SKIN_SCATTER_MM,
                 ..rough(0.028, 0.5)
             },
             // Plastic

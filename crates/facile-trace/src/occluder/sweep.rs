@@ -2,6 +2,41 @@
 
 use facile_core::{Mesh, Point3, Segment, Vector3};
 
+/// Adds the corners of a section across `tangent`: an ellipse, half as wide as the first of `half` perpendicular to `up` and
+/// half as high as the second in the direction of `up`, mm.
+pub(super) fn add_ring(
+    mesh: &mut Mesh,
+    at: Point3,
+    tangent: Vector3,
+    up: Vector3,
+    half: [f64; 2],
+    sides: usize,
+) {
+    let side = tangent
+        .cross(&up)
+        .try_normalize(1e-12)
+        .unwrap_or_else(Vector3::x);
+    let along = side
+        .cross(&tangent)
+        .try_normalize(1e-12)
+        .unwrap_or_else(Vector3::y);
+    for k in 0..sides {
+        let (s, c) = libm::sincos(std::f64::consts::TAU * k as f64 / sides as f64);
+        let offset = side * (c * half[0]) + along * (s * half[1]);
+        mesh.positions.push(at + offset);
+    }
+}
+
+/// Adds the band between two rings, given by their first corners.
+pub(super) fn join_rings(mesh: &mut Mesh, rings: [u32; 2], sides: usize) {
+    let vertex = |ring: u32, k: usize| ring + (k % sides) as u32;
+    for k in 0..sides {
+        let [a, b] = [vertex(rings[0], k), vertex(rings[0], k + 1)];
+        let [c, d] = [vertex(rings[1], k + 1), vertex(rings[1], k)];
+        mesh.triangles.extend([[a, c, b], [a, d, c]]);
+    }
+}
+
 /// Adds a tube of elliptic section around `path` to `mesh`: half as wide as `across` perpendicular to `up`, half as
 /// high as `along` in the direction of `up` (both mm). A closed path joins its ends; an open one is capped. The path has at least
 /// two points (three if closed), no two neighbours equal, and never runs along `up(i)`.
@@ -23,29 +58,13 @@ pub(crate) fn add_tube(
             (i.saturating_sub(1), (i + 1).min(n - 1))
         };
         let tangent = path[after] - path[before];
-        let side = tangent
-            .cross(&up(i))
-            .try_normalize(1e-12)
-            .unwrap_or_else(Vector3::x);
-        let up = side
-            .cross(&tangent)
-            .try_normalize(1e-12)
-            .unwrap_or_else(Vector3::y);
-        for k in 0..SIDES {
-            let angle = std::f64::consts::TAU * k as f64 / SIDES as f64;
-            let (s, c) = (libm::sin(angle), libm::cos(angle));
-            mesh.positions
-                .push(center + side * (c * across / 2.0) + up * (s * along / 2.0));
-        }
+        let half = [across / 2.0, along / 2.0];
+        add_ring(mesh, *center, tangent, up(i), half, SIDES);
     }
     let vertex = |i: usize, k: usize| base + ((i % n) * SIDES + k % SIDES) as u32;
     let spans = if is_closed { n } else { n - 1 };
     for i in 0..spans {
-        for k in 0..SIDES {
-            let [a, b] = [vertex(i, k), vertex(i, k + 1)];
-            let [c, d] = [vertex(i + 1, k + 1), vertex(i + 1, k)];
-            mesh.triangles.extend([[a, c, b], [a, d, c]]);
-        }
+        join_rings(mesh, [vertex(i, 0), vertex(i + 1, 0)], SIDES);
     }
     if !is_closed {
         for (i, is_start) in [(0, true), (n - 1, false)] {

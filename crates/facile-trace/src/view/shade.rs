@@ -22,6 +22,7 @@ use crate::sampling::{
 use crate::scene::Scene;
 use crate::scratch;
 use crate::srgb::srgb8;
+use crate::subsurface::SPREAD_SHARE;
 use crate::surface;
 use crate::whitted::{Shaded, Shader, Wanted};
 
@@ -206,7 +207,8 @@ impl View {
             lit.spread.extend(added.map(|(added, pixel)| {
                 let (block, k) = (pixel.sample as usize / LANES, pixel.sample as usize % LANES);
                 let at = (pixel.at[0] as usize, pixel.at[1] as usize);
-                (at, surface::lane(&albedo[block], k).component_mul(&added))
+                let spread = added.component_mul(&SPREAD_SHARE);
+                (at, surface::lane(&albedo[block], k).component_mul(&spread))
             }));
         }
         lit
