@@ -13,7 +13,7 @@ the image. All are taken in one run, one after the other. The error is the root 
 image.
 
 Each tracer runs in a process of its own; one that is not installed, or does not run, is left out with a note. Needs numpy and pillow; embreex, open3d and
-mitsuba as you like.
+mitsuba as you like. Mitsuba's Dr.Jit needs LLVM 16 or newer on processors with AVX-512: DRJIT_LIBLLVM_PATH names its library.
 """
 
 from __future__ import annotations
@@ -242,22 +242,25 @@ LABELS = '"depth", "normals", "segments"'
 def facile_row(scene: Scene, folder: Path, program: str, size: int, repeats: int, samples="1", jitter=0.0, truth=LABELS):
     """CPU ms of a frame with depth, normals and ids, and the image."""
     s = scene.settings
+    # Enough that loading and building are told apart
+    frames = repeats * (6 if samples == "1" else 2)
     text = SCENE_TOML.format(
         **{k: s[k] for k in ("cam_pos", "cam_target", "cam_up", "fov_deg", "ks", "shininess", "light_pos", "ambient")},
-        frames=repeats, size=size, samples=samples, truth=truth, offset=SHADOW_START_MM, data=folder.resolve(),
+        frames=frames, size=size, samples=samples, truth=truth, offset=SHADOW_START_MM, data=folder.resolve(),
         intensity=s["light_I"] / 1e6 / math.pi, jitter=f"jitter_mm = {jitter}" if jitter else "")
 
     def cpu(text):
-        before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
         file.write_text(text)
         subprocess.run([program, "render", file, "-o", out], check=True, stdout=subprocess.DEVNULL)
-        return resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
     with tempfile.TemporaryDirectory() as out:
         file = Path(out) / "scene.toml"
         # One frame alone is what loading and building take
-        alone = cpu(text.replace(f"frames = {repeats}", "frames = 1"))
-        ms = (cpu(text) - alone) / (repeats - 1) * 1e3
+        alone = cpu(text.replace(f"frames = {frames}", "frames = 1"))
+        ms = (cpu(text) - alone) / (frames - 1) * 1e3
         return ms, np.asarray(Image.open(Path(out, "color.png")).convert("RGB"))
 
 

@@ -159,11 +159,19 @@ impl Kernel for Draw<'_> {
             if !self.layer.sees(object) || object.bvh.is_empty() {
                 continue;
             }
-            let posed = object.world_from_object.is_some().then_some(index);
-            if frame != Some(posed) {
-                frame = Some(posed);
-                let object = posed.map(|_| object);
-                shear_samples::<L>(self.camera, object, pixels, self.offsets, rays);
+            // Posed objects are small and many: only the pixels around one get rays in its frame
+            let own = object.world_from_object.is_some().then_some(index);
+            let mut posed = None;
+            if own.is_some() {
+                let bounds = self.camera.pixel_bounds(object.bounds_in_world());
+                let Some(bounds) = bounds.filter(|b| is_any_in(pixels, *b)) else {
+                    continue;
+                };
+                posed = Some((object, bounds));
+            }
+            if frame != Some(own) {
+                frame = Some(own);
+                shear_samples::<L>(self.camera, posed, pixels, self.offsets, rays);
             }
             let mut canvas = Canvas {
                 columns: size[0],
@@ -291,22 +299,37 @@ impl Canvas<'_> {
     }
 }
 
-/// Sets rays to those of the samples of pixels, in an object's frame or the world's.
+/// Whether a pixel is one of `[x0, y0, x1, y1)`.
+fn is_in([x, y]: [u32; 2], [x0, y0, x1, y1]: [usize; 4]) -> bool {
+    (x0..x1).contains(&(x as usize)) && (y0..y1).contains(&(y as usize))
+}
+
+fn is_any_in(pixels: &[[u32; 2]], bounds: [usize; 4]) -> bool {
+    pixels.iter().any(|pixel| is_in(*pixel, bounds))
+}
+
+/// Sets rays to those of the samples of pixels, in the world or, for the pixels of a rectangle, in an object's frame; the
+/// others are then none.
 #[inline(always)]
 fn shear_samples<L: Lanes>(
     camera: &Camera,
-    object: Option<&Object>,
+    posed: Option<(&Object, [usize; 4])>,
     pixels: &[[u32; 2]],
     offsets: &[[f64; 2]],
     rays: &mut Vec<ShearBlock>,
 ) {
     rays.clear();
     for pixel in pixels {
+        if posed.is_some_and(|(_, bounds)| !is_in(*pixel, bounds)) {
+            let blocks = rays.len() + offsets.len().div_ceil(LANES);
+            rays.resize(blocks, ShearBlock::default());
+            continue;
+        }
         for offsets in offsets.chunks(LANES) {
             let mut direction = [Eight([1.0; LANES]); 3];
             for (lane, offset) in offsets.iter().enumerate() {
                 let mut d = camera.direction(sample_px(*pixel, *offset));
-                if let Some(object) = object {
+                if let Some((object, _)) = posed {
                     let ray = Ray::new(Vec3::zeros(), d.into());
                     d = object.ray_in_object(&ray).direction.into();
                 }

@@ -1,12 +1,12 @@
 //! Time and error of the tracer on a scene file: the rows of `facile bench trace`.
 
 use std::path::Path;
-use std::time::Instant;
 
 use facile_core::{Plane, Texture};
 use serde::Serialize;
 
 use super::render::{jittered, load_scene, milliseconds, rest_positions};
+use super::timing::ThreadClock;
 use super::{SceneFile, Spread};
 use crate::instructions::InstructionSet;
 use crate::sampling::Samples;
@@ -25,7 +25,7 @@ pub struct BenchRow {
     pub samples: Samples,
     /// Vector instructions, see [`InstructionSet::name`].
     pub instructions: &'static str,
-    /// Time of a frame without encoding, one thread, wall clock, ms.
+    /// Time of a frame without encoding, one thread, ms on a processor.
     pub ms: Spread,
     /// Root of the mean squared error of the 8-bit image, all channels, against the reference.
     pub rmse: f64,
@@ -106,7 +106,7 @@ impl Bench<'_> {
         let mut times = Vec::with_capacity(self.repeats);
         for frame in 0..self.repeats {
             let moved = is_moved.then(|| jittered(&rest, MOTION_MM, frame as u32));
-            let start = Instant::now();
+            let start = ThreadClock::start();
             for (object, positions) in scene.objects_mut().iter_mut().zip(moved.iter().flatten()) {
                 object.set_positions(positions)?;
             }
@@ -131,7 +131,7 @@ impl Bench<'_> {
         let mut image = view.shade(&scene, &self.file.light)?.to_srgb8();
         let mut times = Vec::with_capacity(self.repeats);
         for _ in 0..self.repeats {
-            let start = Instant::now();
+            let start = ThreadClock::start();
             image = view.shade(&scene, &self.file.light)?.to_srgb8();
             times.push(milliseconds(start.elapsed()));
         }

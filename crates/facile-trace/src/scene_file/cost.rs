@@ -2,13 +2,13 @@
 
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::time::Instant;
 
 use facile_core::{Mesh, Plane};
 use serde::Serialize;
 
 use super::bench::{folder_of, root_mean_square};
 use super::render::{load_scene, load_scene_of, milliseconds};
+use super::timing::ThreadClock;
 use super::{CameraSection, SceneFile, Spread};
 use crate::sampling::Samples;
 use crate::scene::Scene;
@@ -38,7 +38,7 @@ pub struct CostRow {
     pub value: f64,
     /// What was asked for, for `truth`; else empty.
     pub label: &'static str,
-    /// Time of a frame of one sample a pixel, one thread, wall clock, ms.
+    /// Time of a frame of one sample a pixel, one thread, ms on a processor.
     pub ms: Spread,
     /// Root of the mean squared error of the 8-bit image against the one without a cut, for `cut`; else 0.
     pub rmse: f64,
@@ -95,7 +95,7 @@ impl Bench<'_> {
         let image = frame()?;
         let mut times = Vec::with_capacity(self.repeats);
         for _ in 0..self.repeats {
-            let start = Instant::now();
+            let start = ThreadClock::start();
             let again = frame()?;
             times.push(milliseconds(start.elapsed()));
             drop(again);

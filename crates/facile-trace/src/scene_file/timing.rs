@@ -1,6 +1,44 @@
 //! What rendering a scene file took.
 
+use std::time::{Duration, Instant};
+
 use serde::Serialize;
+
+/// Time that the calling thread has had on a processor: what others run meanwhile does not count. Wall clock where the system
+/// does not say.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ThreadClock {
+    wall: Instant,
+    on_processor: Option<Duration>,
+}
+
+impl ThreadClock {
+    /// Starts now, on this thread.
+    pub(super) fn start() -> Self {
+        Self {
+            on_processor: on_processor(),
+            wall: Instant::now(),
+        }
+    }
+
+    /// Time since the start, on the same thread.
+    pub(super) fn elapsed(self) -> Duration {
+        let wall = self.wall.elapsed();
+        match (self.on_processor, on_processor()) {
+            (Some(before), Some(now)) => now.saturating_sub(before),
+            _ => wall,
+        }
+    }
+}
+
+/// As Linux counts it.
+fn on_processor() -> Option<Duration> {
+    // The count is brought up to date when threads may change
+    std::thread::yield_now();
+    let counts = std::fs::read_to_string("/proc/thread-self/schedstat").ok()?;
+    let nanoseconds = counts.split_ascii_whitespace().next()?.parse().ok()?;
+    Some(Duration::from_nanos(nanoseconds)).filter(|d| !d.is_zero())
+}
 
 /// Median and spread of a step over frames, ms.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
