@@ -1,4 +1,4 @@
-"""Makes the contact sheets of docs/looks.md from recipes: lights, materials close up, occluders, hair, and docs/sheet.jpg.
+"""Makes the contact sheets of docs/looks.md from recipes: lights, materials close up, occluders, hair, cameras, and docs/sheet.jpg.
 
 Run: python docs/build/sheets.py [FACILE [SHEET...]]   (default: target/release/facile, all sheets; needs numpy and pillow; some
 five minutes on two cores)
@@ -118,6 +118,14 @@ def materials(folder: Path) -> None:
     tile([faces[0], faces[1], parts], 3, "materials.jpg", 82)
 
 
+def cameras(folder: Path) -> None:
+    view = "[[view]]\nyaw_deg = [35]\nfov_y_deg = 22\ntarget_mm = [0, -35, 0]\n{more}\n"
+    kinds = ["", 'projection = "orthographic"', "aperture_mm = 35", "aperture_mm = 70\nfocus_mm = 960"]
+    views = "".join(view.format(more=more) for more in kinds)
+    body = "samples = 64\n" + ROOM.format(n=1) + '[hair]\nstyles = ["bob01"]\n' + STUDIO + views
+    tile(generate(folder, "cameras", body, 360), 4, "cameras.jpg")
+
+
 def sheet(folder: Path) -> None:
     body = (
         '[subjects]\nbuiltin = ["all"]\nsampled = 6\n[[background]]\nkind = "room"\n[[expression]]\nname = "neutral"\n[[expression]]\n'
@@ -127,7 +135,7 @@ def sheet(folder: Path) -> None:
 
 
 def main() -> None:
-    sheets = {f.__name__: f for f in (lights, occluders, hair, materials, sheet)}
+    sheets = {f.__name__: f for f in (lights, occluders, hair, materials, cameras, sheet)}
     for name in sys.argv[2:] or sheets:
         with tempfile.TemporaryDirectory() as folder:
             sheets[name](Path(folder))

@@ -354,6 +354,12 @@ fn skin_object(
         exposure: 0.25,
         ..skin.clone()
     };
+    // What is painted there is cropped hair, or its roots
+    let scalp = Material {
+        specular: 0.015,
+        roughness: 0.75,
+        ..skin.clone()
+    };
     let socket = Material {
         exposure: 0.5,
         ..skin.clone()
@@ -362,6 +368,7 @@ fn skin_object(
     Ok(Object::like(like, &mesh, Normals::Smooth, skin)?
         .with_material(lips, is_lip)
         .with_material(nose, |s| s == Segment::Nose)
+        .with_material(scalp, |s| s == Segment::Scalp)
         .with_material(mouth, |s| s == Segment::InnerMouth)
         .with_material(socket, |s| s == Segment::EyeSocket))
 }

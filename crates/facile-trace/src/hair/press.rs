@@ -21,6 +21,8 @@ const OVER_SKIN_MM: f64 = 0.5;
 /// Distances at which hair looks for a rim above itself, or else below, and distance up to which it is drawn in wholly, mm.
 const RIM_STEPS_MM: [f64; 9] = [0.0, 4.0, 8.0, 12.0, 18.0, 26.0, 36.0, 48.0, 60.0];
 const RIM_MM: f64 = 10.0;
+/// Halvings of the step in which the rim lies: to 0.4 mm.
+const RIM_HALVINGS: usize = 5;
 /// Longest edge of cards near what is worn, mm.
 const LONGEST_MM: f64 = 6.0;
 /// Rounds of cutting edges in two: 6 mm times 2^5 is longer than any card.
@@ -85,10 +87,24 @@ fn under(p: &Point3, worn: &Object, skin: &Object) -> Point3 {
         Some(f64::from(hit.t) - UNDER_MM)
     };
     let rim = |way: f64| {
-        RIM_STEPS_MM.iter().find_map(|away| {
-            let there = p + Vector3::y() * (way * away);
-            limit(&there).map(|limit| (*away, limit))
-        })
+        let at = |away: f64| limit(&(p + Vector3::y() * (way * away))).map(|limit| (away, limit));
+        let mut free = 0.0;
+        let mut found = RIM_STEPS_MM.iter().find_map(|away| {
+            let found = at(*away);
+            if found.is_none() {
+                free = *away;
+            }
+            found
+        })?;
+        // The rim lies between two steps: hair follows it without steps of its own
+        for _ in 0..RIM_HALVINGS {
+            let middle = f64::midpoint(free, found.0);
+            match at(middle) {
+                Some(nearer) => found = nearer,
+                None => free = middle,
+            }
+        }
+        Some(found)
     };
     let found = rim(1.0).or_else(|| rim(-1.0));
     let ray = Outwards::to(p);
