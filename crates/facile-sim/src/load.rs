@@ -95,12 +95,12 @@ impl<'a> Load<'a> {
         let edges = template.edges.len();
         let n = template.node_count();
         let mut lengths = vec![[0.0f64; 3]; edges];
-        let mut hold = vec![0.0f64; n];
+        let mut hold = vec![[0.0f64; 2]; n];
         for (actuator, bound) in template.actuators.iter().zip(&model.bound) {
-            let name = &template.muscles.muscles()[actuator.muscle].name;
+            let muscle = &template.muscles.muscles()[actuator.muscle];
             let c = pose
                 .contractions
-                .get(name)
+                .get(&muscle.name)
                 .map_or(0.0, |s| s.of(actuator.side.unwrap_or(Side::Left)));
             if c <= 0.0 {
                 continue;
@@ -112,7 +112,8 @@ impl<'a> Load<'a> {
                 *sums = [sums[0] + c * length, sums[1] + c, sums[2].max(c)];
             }
             for &node in &bound.anchors {
-                hold[node as usize] = hold[node as usize].max(c);
+                let [firmest, share] = &mut hold[node as usize];
+                (*firmest, *share) = (firmest.max(c * muscle.origin_hold), share.max(c));
             }
         }
         for (edge, [weighted, total, strongest]) in lengths.into_iter().enumerate() {
@@ -121,11 +122,11 @@ impl<'a> Load<'a> {
                 self.stiffness[edge][FASCIA] *= params.gain(strongest);
             }
         }
-        for (node, c) in hold.into_iter().enumerate() {
+        for (node, [firmest, c]) in hold.into_iter().enumerate() {
             if c > 0.0 {
                 // Fascia that is not attached at rest is attached here, the more the stronger the muscle pulls.
                 let at_rest = self.attachment[node];
-                let full = params.fascia_skull_stiffness * params.muscle_gain;
+                let full = params.fascia_skull_stiffness * params.muscle_gain * (firmest / c);
                 self.attachment[node] = at_rest + c * (full - at_rest).max(0.0);
             }
         }

@@ -77,6 +77,29 @@ fn a_contracted_orbicularis_oris_is_dragged_along_by_the_jaw() {
 }
 
 #[test]
+fn the_mentalis_lifts_the_chin_and_does_not_draw_the_lip_down() {
+    for c in [0.5, 1.0] {
+        let face = solve(&pose("mentalis", c));
+        let rise = |k: usize| mark(&face.positions, k).y - rest(k).y;
+        // Both rims of the lower lip in the middle stay where they are or rise, then the chin.
+        assert!(
+            rise(57) > -0.15 && rise(66) > -0.15,
+            "{} {}",
+            rise(57),
+            rise(66)
+        );
+        let chin = face
+            .positions
+            .iter()
+            .zip(&ReferenceHead::embedded().mesh.positions);
+        let boss =
+            chin.filter(|(_, p)| p.x.abs() < 8.0 && (-108.0..-100.0).contains(&p.y) && p.z > 60.0);
+        let highest = boss.map(|(q, p)| q.y - p.y).fold(0.0, f64::max);
+        assert!(highest > 3.0 * c, "{highest}");
+    }
+}
+
+#[test]
 fn lids_follow_the_gaze_down_and_up_but_not_to_the_side() {
     let look = |pitch: f64, yaw: f64| {
         let mut pose = Pose::default();

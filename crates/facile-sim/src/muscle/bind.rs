@@ -362,6 +362,7 @@ mod tests {
             kind,
             side: Symmetry::Midline,
             width_mm: 5.0,
+            origin_hold: 1.0,
             shortening,
             lid: None,
             points: vec![[0.0, 0.0], [1.0, 0.0]],

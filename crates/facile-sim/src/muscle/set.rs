@@ -79,6 +79,11 @@ pub struct Muscle {
     /// The paper's value is 1: the muscle shortens to a point. Muscles shorten by a third to a half.
     #[serde(default = "full")]
     pub shortening: f64,
+    /// How many times firmer than fascia elsewhere the muscle's origin is bound to bone when it contracts, at least 1.
+    ///
+    /// The paper's value is 1: a short muscle then draws its origin as far as its insertion.
+    #[serde(default = "full")]
+    pub origin_hold: f64,
     /// The lids' plates that it moves.
     #[serde(default)]
     pub lid: Option<LidDrive>,
@@ -259,6 +264,7 @@ fn check(muscle: &Muscle, before: &MuscleSet) -> Result<(), SimError> {
     };
     range("width_mm", muscle.width_mm, 0.1, 100.0)?;
     range("shortening", muscle.shortening, 0.01, 1.0)?;
+    range("origin_hold", muscle.origin_hold, 1.0, 100.0)?;
     for [h, phi] in &muscle.points {
         range("h", *h, -1000.0, 1000.0)?;
         range("phi", phi.to_radians(), -PI, PI)?;
