@@ -15,7 +15,7 @@ use faer::{Mat, Side};
 use crate::FlowError;
 
 /// Share of first-order smoothness: keeps parts without targets from swinging out.
-const MEMBRANE: f64 = 0.4;
+const MEMBRANE: f64 = 0.7;
 /// Opposite rims of the mouth slit closer than this move together, mm.
 const SLIT: f64 = 3.0;
 /// Weight of that bond against one square millimetre of targets.

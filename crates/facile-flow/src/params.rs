@@ -48,7 +48,7 @@ impl Default for RegistrationParams {
             curvature_sigma_mm: 3.0,
             use_identity: true,
             nearest_rounds: 6,
-            smoothing_mm: vec![30.0, 20.0, 10.0],
+            smoothing_mm: vec![30.0, 20.0, 9.0],
             surface_smoothing_mm: vec![12.0, 6.0],
             min_curvature_correlation: 0.25,
             texture_size: 2048,

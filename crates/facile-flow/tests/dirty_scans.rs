@@ -56,6 +56,7 @@ fn clean_error() -> f64 {
     *ERROR.get_or_init(|| {
         let known = scanned(Scanner::default());
         let found = registrar().register(&known.scan).expect("a face");
+        assert_eq!(found.report.folded_triangles, 0);
         mean_error(&known, &found)
     })
 }
@@ -65,6 +66,7 @@ fn expect_twice_at_most(what: &str, known: &KnownScan) {
     let found = registrar()
         .register(&known.scan)
         .unwrap_or_else(|e| panic!("{what}: {e}"));
+    assert_eq!(found.report.folded_triangles, 0, "{what}");
     let (clean, dirty) = (clean_error(), mean_error(known, &found));
     assert!(dirty < 2.0 * clean, "{what}: {dirty} mm against {clean} mm");
 }
