@@ -139,8 +139,7 @@ impl Scheme {
             point: point.position(&face.positions, &mesh.triangles),
             segment: mesh.segments[point.triangle as usize],
         };
-        // To the right in the image of an upright head.
-        let right = camera.camera_from_world().column(0).into_owned();
+        let right = rightwards(camera);
         let place = |mark: &Mark| match mark {
             Mark::Surface(point) => on_surface(point),
             Mark::Pupil(side) => Placed {
@@ -177,6 +176,15 @@ impl Scheme {
         };
         self.marks.iter().map(place).collect()
     }
+}
+
+/// To the right in the image of an upright head, in the head's frame: as if the camera were not rolled.
+fn rightwards(camera: &Camera) -> Vector3 {
+    let rotation = camera.camera_from_world();
+    let backward = -rotation.row(2).transpose();
+    let right = Vector3::y().cross(&backward).try_normalize(1e-9);
+    // From straight above or below nothing is upright
+    right.unwrap_or_else(|| rotation.row(0).transpose())
 }
 
 /// A point of an eyeball at `offset` from where the gaze leaves it, to the subject's left and up as the eye sees them, in
@@ -390,6 +398,18 @@ mod tests {
             assert_eq!(Scheme::named(name), None, "{name}");
         }
         assert_eq!(Scheme::names().len(), expected.len());
+    }
+
+    #[test]
+    fn rightwards_is_level_and_across_the_view_however_the_camera_is_rolled() {
+        let (position, target) = (Point3::new(400.0, 250.0, 700.0), Point3::origin());
+        for up in [Vector3::y(), Vector3::new(0.5, 1.0, 0.1)] {
+            let camera = Camera::look_at(8, 8, position, target, up, 0.5).expect("possible");
+            let right = rightwards(&camera);
+            assert!(right.y.abs() < 1e-12 && right.x > 0.5, "{right}");
+            assert!(right.dot(&(target - position)).abs() < 1e-9, "{right}");
+            assert!((right.norm() - 1.0).abs() < 1e-12, "{right}");
+        }
     }
 
     #[test]
