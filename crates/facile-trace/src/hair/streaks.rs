@@ -3,7 +3,9 @@
 //! White noise is smeared along the direction in which strands run on the picture. Source: Cabral, Leedom, Imaging Vector
 //! Fields Using Line Integral Convolution, SIGGRAPH 1993.
 
+use facile_core::color::{LINEAR_FROM_SRGB8, srgb8_from_linear};
 use facile_core::{HairStyle, Mesh, Texture, Vector3};
+use rayon::prelude::*;
 
 /// Texels that a streak reaches to either side.
 const REACH: usize = 48;
@@ -19,14 +21,18 @@ pub(super) fn streaked(style: &HairStyle) -> Texture {
     let [width, height] = style.size();
     let along = directions(&style.mesh, &style.strands, [width, height]);
     let noise: Vec<f32> = (0..width * height).map(|i| noise(i as u32)).collect();
-    let lut = &*facile_core::color::LINEAR_FROM_SRGB8;
+    let lut = &*LINEAR_FROM_SRGB8;
     let mut texture = style.light.clone();
-    for (i, texel) in texture.texels_mut().iter_mut().enumerate() {
-        let painted = libm::powf(lut[usize::from(texel[0])], CONTRAST);
-        let streak = smeared(&noise, &along, [width, height], i);
-        let light = (painted * (1.0 + DEVIATION * streak)).clamp(DARKEST, 1.0);
-        *texel = [facile_core::color::srgb8_from_linear(light); 3];
-    }
+    let texels = texture.texels_mut().par_iter_mut().enumerate();
+    // What the cards leave out is not seen
+    texels
+        .filter(|(i, _)| style.cover[*i] > 0)
+        .for_each(|(i, texel)| {
+            let painted = libm::powf(lut[usize::from(texel[0])], CONTRAST);
+            let streak = smeared(&noise, &along, [width, height], i);
+            let light = (painted * (1.0 + DEVIATION * streak)).clamp(DARKEST, 1.0);
+            *texel = [srgb8_from_linear(light); 3];
+        });
     texture
 }
 
