@@ -74,12 +74,16 @@ pub struct Cost {
     pub equilibrium_s: f64,
     /// For the scene of one face at rest.
     pub rest_s: f64,
-    /// For tracing one view with its labels and its occluder.
+    /// For putting an occluder on a face.
+    pub occluder_s: f64,
+    /// For tracing one view with its labels.
     pub view_s: f64,
     /// For lighting and encoding one image.
     pub image_s: f64,
     /// For storing one image with its record.
     pub write_s: f64,
+    /// Once, for the card, the contact sheet and the other files of a finished dataset.
+    pub end_s: f64,
 }
 
 /// Counts a recipe's work; with `measure`, makes a few samples to predict time and disk space.
@@ -87,7 +91,8 @@ pub struct Cost {
 /// # Errors
 /// What [`Pipeline::new`] reports.
 pub fn predict(recipe: &Recipe, threads: usize, measure: bool) -> Result<Prediction, Error> {
-    let pipeline = Arc::new(Pipeline::new(recipe.clone())?);
+    let (pipeline, start_s) = timed(|| Pipeline::new(recipe.clone()));
+    let pipeline = Arc::new(pipeline?);
     let grid = Grid::of(recipe);
     let work = work(&pipeline, &grid);
     let cost = if measure {
@@ -95,6 +100,10 @@ pub fn predict(recipe: &Recipe, threads: usize, measure: bool) -> Result<Predict
     } else {
         None
     };
+    let cost = cost.map(|cost| Cost {
+        seconds: cost.seconds + start_s,
+        ..cost
+    });
     Ok(Prediction {
         name: recipe.name.clone(),
         images: grid.len(),
@@ -150,6 +159,7 @@ struct Times {
     person: Mean,
     equilibrium: Mean,
     rest: Mean,
+    occluder: Mean,
     view: Mean,
     image: Mean,
     view_bytes: Mean,
@@ -169,12 +179,16 @@ impl Mean {
         self.n += 1.0;
     }
 
+    fn value(self) -> f64 {
+        self.sum / f64::max(self.n, 1.0)
+    }
+
     fn of(all: &[Times], get: impl Fn(&Times) -> Self) -> f64 {
         let (sum, n) = all
             .iter()
             .map(get)
             .fold((0.0, 0.0), |(s, n), m| (s + m.sum, n + m.n));
-        sum / f64::max(n, 1.0)
+        Self { sum, n }.value()
     }
 }
 
@@ -197,15 +211,18 @@ fn measured(
             .collect()
     });
     let all = all.into_iter().collect::<Result<Vec<Times>, Error>>()?;
+    let (write_s, end_s) = write_times(pipeline, &all)?;
     let mut cost = Cost {
         threads: threads as u64,
         registration_s: Mean::of(&all, |t| t.registration),
         person_s: Mean::of(&all, |t| t.person),
         equilibrium_s: Mean::of(&all, |t| t.equilibrium),
         rest_s: Mean::of(&all, |t| t.rest),
+        occluder_s: Mean::of(&all, |t| t.occluder),
         view_s: Mean::of(&all, |t| t.view),
         image_s: Mean::of(&all, |t| t.image),
-        write_s: write_time(pipeline, &all)?,
+        write_s,
+        end_s,
         ..Cost::default()
     };
     // What was registered for measure is in the cache now.
@@ -215,11 +232,12 @@ fn measured(
         + work.people as f64 * cost.person_s
         + work.equilibria as f64 * cost.equilibrium_s
         + work.faces_at_rest as f64 * cost.rest_s
+        + (grid.groups() * grid.occluders) as f64 * cost.occluder_s
         + work.traced_views as f64 * cost.view_s
         + work.lit_images as f64 * (cost.image_s + cost.write_s);
     // Threads that have no group of their own share nothing.
     let useful = (threads as u64).min(grid.groups().max(1));
-    cost.seconds = seconds / useful as f64;
+    cost.seconds = seconds / useful as f64 + cost.end_s;
     cost.bytes = work.traced_views as f64 * Mean::of(&all, |t| t.view_bytes)
         + work.lit_images as f64 * Mean::of(&all, |t| t.image_bytes);
     Ok(cost)
@@ -247,7 +265,6 @@ fn thread_times(pipeline: &Arc<Pipeline>, grid: &Grid, thread: u64) -> Result<Ti
     worker.set_person(subject, person.clone());
     let samples = grid.subject_samples(visit);
     let groups = (samples.end - samples.start).div_ceil(grid.group_len());
-    let views = grid.occluders * grid.views;
     let picks = groups.min(MEASURED_GROUPS);
     // The first face of a person costs a scene of its own, which the others share; trees are built once in a run.
     let (first, built_s) = timed(|| pipeline.head_scene(&person, None));
@@ -260,12 +277,19 @@ fn thread_times(pipeline: &Arc<Pipeline>, grid: &Grid, thread: u64) -> Result<Ti
         let group = samples.start + (2 * pick + 1) * groups / (2 * picks) * grid.group_len();
         let is_moved = !recipe.scene(group)?.expression.pose.is_neutral();
         worker.forget_face();
-        let (sample, whole) = timed(|| worker.sample(group));
+        let (sample, whole) = timed(|| worker.sample(put_on(grid, group, pick)));
+        sample?;
+        // As in a run: an occluder is put on once for all its views, of which each has its own light here.
+        let dressed = put_on(grid, group, pick + 1);
+        worker.forget_view();
+        let (sample, dressing) = timed(|| worker.sample(dressed));
         sample?;
         let mut encoder = Encoder::new(recipe);
-        let mut view_s = 0.0;
-        for k in 0..views.min(MEASURED_VIEWS) {
-            let first = group + k * views / views.min(MEASURED_VIEWS) * grid.lightings;
+        let (mut view, mut shading) = (Mean::default(), Mean::default());
+        let views = grid.views.min(MEASURED_VIEWS);
+        for k in 0..views {
+            let light = (pick + k) % grid.lightings;
+            let first = dressed + k * grid.views / views * grid.lightings + light;
             if first >= samples.end {
                 break;
             }
@@ -275,15 +299,20 @@ fn thread_times(pipeline: &Arc<Pipeline>, grid: &Grid, thread: u64) -> Result<Ti
             let (again, shade) = timed(|| worker.sample(first));
             let (encoded, encode) = timed(|| encoder.encode(&again?));
             let encoded = encoded?;
-            view_s = both - shade;
-            times.view.add(view_s);
+            view.add(both - shade);
+            shading.add(shade);
             times.image.add(shade + encode);
             let [by_view, by_image] = sizes(&encoded, recipe);
             times.view_bytes.add(by_view);
             times.image_bytes.add(by_image);
             times.samples.push(encoded);
         }
-        let face_s = whole - view_s - head_s;
+        let lit_view_s = view.value() + shading.value();
+        let occluder_s = (dressing - lit_view_s).max(0.0);
+        times.occluder.add(occluder_s);
+        times.view.sum += view.sum;
+        times.view.n += view.n;
+        let face_s = whole - occluder_s - lit_view_s - head_s;
         head_s = 0.0;
         if is_moved {
             times.equilibrium.add(face_s);
@@ -292,6 +321,12 @@ fn thread_times(pipeline: &Arc<Pipeline>, grid: &Grid, thread: u64) -> Result<Ti
         }
     }
     Ok(times)
+}
+
+/// The first sample of a group with its `nth` occluder; the group's first one where the last group ends before.
+fn put_on(grid: &Grid, group: u64, nth: u64) -> u64 {
+    let sample = group + nth % grid.occluders * grid.views * grid.lightings;
+    if sample < grid.len() { sample } else { group }
 }
 
 /// Bytes on disk of a sample: those that a view has once, and those of every image.
@@ -325,8 +360,8 @@ fn sizes(sample: &EncodedSample, recipe: &Recipe) -> [f64; 2] {
     [by_view as f64, by_image as f64]
 }
 
-/// Seconds for storing one of the samples, annotations and card included.
-fn write_time(pipeline: &Pipeline, all: &[Times]) -> Result<f64, Error> {
+/// Seconds for storing one of the samples, and for what is written once at the end.
+fn write_times(pipeline: &Pipeline, all: &[Times]) -> Result<(f64, f64), Error> {
     let scratch = tempfile::tempdir().map_err(|e| Error::io(Path::new("scratch folder"), e))?;
     let manifest = Manifest::new(pipeline.recipe(), pipeline.recipe_hash(), None);
     let folder = Folder::open(&scratch.path().join("out"), manifest, false)?;
@@ -337,11 +372,12 @@ fn write_time(pipeline: &Pipeline, all: &[Times]) -> Result<f64, Error> {
         for sample in samples {
             writer.append(sample)?;
         }
-        writer.finish()?;
-        folder.finish()
+        writer.finish()
     });
     stored?;
-    Ok(time / n)
+    let (finished, end) = timed(|| folder.finish());
+    finished?;
+    Ok((time / n, end))
 }
 
 fn timed<T>(f: impl FnOnce() -> T) -> (T, f64) {
