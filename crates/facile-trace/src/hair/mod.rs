@@ -13,7 +13,6 @@ mod streaks;
 use std::sync::Arc;
 
 use facile_core::{HairStyle, Mesh, Point3, ReferenceHead, Segment, Subject, Texture, Vector3};
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::TraceError;
@@ -79,12 +78,9 @@ impl HairFit {
             cutout: Arc::new(Cutout::new(&style.mesh, style.size(), style.cover.clone())?),
             mean_light: style.mean_light_of(&light),
             light: Arc::new(light),
-            anchors: positions
-                .par_iter()
-                .map(|p| anchors(p, &candidates))
-                .collect(),
+            anchors: positions.iter().map(|p| anchors(p, &candidates)).collect(),
             gaps: positions
-                .par_iter()
+                .iter()
                 .map(|p| Outwards::to(p).gap(&skin).unwrap_or(f64::INFINITY))
                 .collect(),
         })

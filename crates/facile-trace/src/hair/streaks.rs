@@ -5,7 +5,6 @@
 
 use facile_core::color::{LINEAR_FROM_SRGB8, srgb8_from_linear};
 use facile_core::{HairStyle, Mesh, Texture, Vector3};
-use rayon::prelude::*;
 
 /// Texels that a streak reaches to either side.
 const REACH: usize = 48;
@@ -23,7 +22,7 @@ pub(super) fn streaked(style: &HairStyle) -> Texture {
     let noise: Vec<f32> = (0..width * height).map(|i| noise(i as u32)).collect();
     let lut = &*LINEAR_FROM_SRGB8;
     let mut texture = style.light.clone();
-    let texels = texture.texels_mut().par_iter_mut().enumerate();
+    let texels = texture.texels_mut().iter_mut().enumerate();
     // What the cards leave out is not seen
     texels
         .filter(|(i, _)| style.cover[*i] > 0)
