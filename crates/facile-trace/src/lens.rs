@@ -7,12 +7,14 @@
 use crate::TraceError;
 use crate::camera::Camera;
 use crate::math::vec3_from_point;
-use crate::primary::{sample_px, trace_rays};
+use crate::primary::sample_px;
 use crate::ray::{Hit, Ray};
 use crate::scene::{Layer, Scene};
 
 /// Turn from a point of the lens to the next, rad: the golden angle, which spreads any number evenly.
 const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
+/// Rays that are traced together: bounds the buffers.
+const BATCH: usize = 4096;
 
 /// A round lens at the camera's position, across its axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -98,8 +100,17 @@ impl<'a> LensRays<'a> {
         offsets: &[[f64; 2]],
         hits: &mut Vec<Hit>,
     ) {
-        let ray = |pixel, k: usize| self.ray(pixel, offsets[k], k);
-        trace_rays(scene, pixels, (offsets.len(), ray), Layer::All, hits);
+        hits.clear();
+        hits.reserve(pixels.len() * offsets.len());
+        let mut rays: Vec<Ray> = Vec::with_capacity(BATCH);
+        for chunk in pixels.chunks(BATCH.div_ceil(offsets.len())) {
+            rays.clear();
+            for &pixel in chunk {
+                let of_pixel = offsets.iter().enumerate();
+                rays.extend(of_pixel.map(|(k, offset)| self.ray(pixel, *offset, k)));
+            }
+            scene.closest_hits(&rays, Layer::All, hits);
+        }
     }
 }
 

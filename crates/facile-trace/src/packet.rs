@@ -123,20 +123,6 @@ impl ShearBlock {
         AXES[axis]
     }
 
-    /// What the rays of one longest axis meet of a triangle whose corners are seen from the rays' origin; `shear` is
-    /// [`Self::shear`].
-    #[inline(always)]
-    pub(crate) fn meet<L: Lanes>(
-        &self,
-        axis: usize,
-        shear: &[L; 3],
-        corners: &[Vec3; 3],
-    ) -> Option<Meeting<L>> {
-        let axes = Self::axes_from(axis);
-        let corners = corners.map(|corner| axes.map(|k| L::splat(corner[k])));
-        meet_sheared(corners, shear, L::Mask::from_bits(self.by_axis[axis]))
-    }
-
     #[inline(always)]
     pub(crate) fn shear<L: Lanes>(&self) -> [L; 3] {
         [

@@ -179,25 +179,13 @@ pub(crate) fn trace_samples(
     layer: Layer,
     hits: &mut Vec<Hit>,
 ) {
-    let ray = |pixel, k: usize| camera.ray(sample_px(pixel, offsets[k]));
-    trace_rays(scene, pixels, (offsets.len(), ray), layer, hits);
-}
-
-/// Traces `count` rays of each pixel, `ray(pixel, k)`; the hits of a pixel are adjacent.
-pub(crate) fn trace_rays(
-    scene: &Scene,
-    pixels: &[[u32; 2]],
-    (count, ray): (usize, impl Fn([u32; 2], usize) -> Ray),
-    layer: Layer,
-    hits: &mut Vec<Hit>,
-) {
     hits.clear();
-    hits.reserve(pixels.len() * count);
+    hits.reserve(pixels.len() * offsets.len());
     let mut rays: Vec<Ray> = Vec::with_capacity(BATCH);
-    for chunk in pixels.chunks(BATCH.div_ceil(count)) {
+    for chunk in pixels.chunks(BATCH.div_ceil(offsets.len())) {
         rays.clear();
         for &pixel in chunk {
-            rays.extend((0..count).map(|k| ray(pixel, k)));
+            rays.extend(offsets.iter().map(|o| camera.ray(sample_px(pixel, *o))));
         }
         scene.closest_hits(&rays, layer, hits);
     }

@@ -19,7 +19,7 @@ use crate::footprint::{LocalProjection, Projection, Steps, footprints, project_c
 use crate::lanes::{Kernel, LANES, LaneMask, Lanes, lanes_of, run};
 use crate::math::{Vec3, vec3_from_point};
 use crate::object::Object;
-use crate::packet::{Meeting, ShearBlock};
+use crate::packet::{Meeting, ShearBlock, meet_sheared};
 use crate::ray::{Hit, Ray};
 use crate::scene::{Layer, Scene};
 use crate::scratch;
@@ -352,7 +352,7 @@ impl Canvas<'_> {
         }
         let columns = self.grid.columns;
         let triangle = self.ids[patch.slot as usize];
-        let corners = self.corners[patch.slot as usize].map(|p| Vec3::from(p) - self.origin);
+        let [a, b, c] = self.corners[patch.slot as usize].map(|p| Vec3::from(p) - self.origin);
         for y in patch.first[1]..=patch.last[1] {
             for x in patch.first[0]..=patch.last[0] {
                 let index = y as usize * columns + x as usize;
@@ -362,7 +362,16 @@ impl Canvas<'_> {
                 let rays = &self.rays[index];
                 let shear = rays.shear::<L>();
                 for axis in rays.axes() {
-                    let Some(meeting) = rays.meet::<L>(axis, &shear, &corners) else {
+                    let [i, j, k] = ShearBlock::axes_from(axis);
+                    let Some(meeting) = meet_sheared(
+                        [
+                            [L::splat(a[i]), L::splat(a[j]), L::splat(a[k])],
+                            [L::splat(b[i]), L::splat(b[j]), L::splat(b[k])],
+                            [L::splat(c[i]), L::splat(c[j]), L::splat(c[k])],
+                        ],
+                        &shear,
+                        L::Mask::from_bits(rays.by_axis[axis]),
+                    ) else {
                         continue;
                     };
                     self.take::<L>(triangle, &meeting, index, admit, stack);

@@ -9,10 +9,10 @@ use super::blocks::{HitBlock, Numbers};
 use crate::camera::Camera;
 use crate::cutout::{Admit, Solid};
 use crate::footprint::{LocalProjection, Projection, Steps, footprints, project_corners};
-use crate::lanes::{Eight, Kernel, LANES, Lanes, lanes_of, run};
+use crate::lanes::{Eight, Kernel, LANES, LaneMask, Lanes, lanes_of, run};
 use crate::math::{Vec3, vec3_from_point};
 use crate::object::Object;
-use crate::packet::ShearBlock;
+use crate::packet::{ShearBlock, meet_sheared};
 use crate::primary::sample_px;
 use crate::ray::{Hit, Ray};
 use crate::scene::{Layer, Scene};
@@ -261,7 +261,7 @@ impl Canvas<'_> {
     fn draw<L: Lanes>(&mut self, patch: &Patch, admit: impl Admit) {
         let triangle = self.ids[patch.slot as usize];
         let number = self.first_number + triangle;
-        let corners = self.corners[patch.slot as usize].map(|p| Vec3::from(p) - self.origin);
+        let [a, b, c] = self.corners[patch.slot as usize].map(|p| Vec3::from(p) - self.origin);
         let [first, last] = patch.area;
         for y in first[1]..=last[1] {
             for x in first[0]..=last[0] {
@@ -277,7 +277,16 @@ impl Canvas<'_> {
                     let (rays, block) = (&self.rays[index], &mut self.blocks[index]);
                     let shear = rays.shear::<L>();
                     for axis in rays.axes() {
-                        let Some(meeting) = rays.meet::<L>(axis, &shear, &corners) else {
+                        let [i, j, k] = ShearBlock::axes_from(axis);
+                        let Some(meeting) = meet_sheared(
+                            [
+                                [L::splat(a[i]), L::splat(a[j]), L::splat(a[k])],
+                                [L::splat(b[i]), L::splat(b[j]), L::splat(b[k])],
+                                [L::splat(c[i]), L::splat(c[j]), L::splat(c[k])],
+                            ],
+                            &shear,
+                            L::Mask::from_bits(rays.by_axis[axis]),
+                        ) else {
                             continue;
                         };
                         if block.take::<L>(&meeting, [triangle, number], admit) {
