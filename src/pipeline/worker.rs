@@ -73,8 +73,8 @@ pub struct Worker {
     posed: Option<Posed>,
     /// Views of the current face, that of the last sample first.
     traced: Vec<Traced>,
-    /// How many of them are kept.
-    views: usize,
+    /// Memory for them, bytes; the one of the last sample is kept in any case.
+    view_bytes: usize,
     /// The scene of the person before, whose trees the next one takes.
     last: Option<HeadScene>,
 }
@@ -89,7 +89,7 @@ impl Worker {
             person: None,
             posed: None,
             traced: Vec::new(),
-            views: 1,
+            view_bytes: 0,
             last: None,
         }
     }
@@ -98,12 +98,23 @@ impl Worker {
     /// that are asked for out of order.
     #[must_use]
     pub fn keep_views(mut self, bytes: usize) -> Self {
-        /// What a view holds for each pixel, bytes.
+        self.view_bytes = bytes;
+        self
+    }
+
+    /// Lets the oldest views go that do not fit into memory together with the next one.
+    fn make_room(&mut self) {
+        /// What a view and its maps hold for each pixel, bytes.
         const PIXEL: usize = 80;
         let image = &self.pipeline.recipe().image;
-        let pixels = image.width as usize * image.height as usize;
-        self.views = (bytes / (PIXEL * pixels)).max(1);
-        self
+        let each = PIXEL * image.width as usize * image.height as usize;
+        let mut bytes = each;
+        let fits = self.traced.iter().take_while(|view| {
+            bytes += each + view.traced.bytes_for_lights();
+            bytes <= self.view_bytes
+        });
+        let count = fits.count();
+        self.traced.truncate(count);
     }
 
     /// What the samples are made with.
@@ -247,22 +258,23 @@ impl Worker {
 
     fn trace(&mut self, person: &Person, occluder: &Occluder, view: &View) -> Result<(), Error> {
         self.occlude(occluder)?;
-        let pipeline = &self.pipeline;
-        let clock = pipeline.clock();
         let Some(posed) = &mut self.posed else {
             unreachable!("a face is posed before it is traced");
         };
-        posed.scene.set_closeness(pipeline.mm_per_px(view))?;
+        posed.scene.set_closeness(self.pipeline.mm_per_px(view))?;
         let known = self
             .traced
             .iter()
             .position(|t| t.view == *view && t.occluder == *occluder);
-        if let Some(known) = known.filter(|_| pipeline.skips().shared_views) {
+        if let Some(known) = known.filter(|_| self.pipeline.skips().shared_views) {
             self.traced[..=known].rotate_right(1);
             return Ok(());
         }
-        // The oldest view goes before the next one takes its memory
-        self.traced.truncate(self.views - 1);
+        self.make_room();
+        let (pipeline, Some(posed)) = (&self.pipeline, &self.posed) else {
+            unreachable!("a face is posed before it is traced");
+        };
+        let clock = pipeline.clock();
         let traced = clock.time(Work::Tracing, || pipeline.trace(&posed.scene, view))?;
         let truth = clock.time(Work::Truth, || {
             pipeline.truth(&person.subject, &posed.scene, &posed.face, &traced)
@@ -294,7 +306,7 @@ impl Worker {
             None => {
                 let make = || pipeline.occluder_objects(&posed.scene, occluder);
                 let objects = pipeline.clock().time(Work::Scenes, make)?;
-                if self.views > 1 {
+                if self.view_bytes > 0 {
                     posed.occluders.truncate(KEPT_OCCLUDERS - 1);
                     posed
                         .occluders

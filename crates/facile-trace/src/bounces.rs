@@ -29,12 +29,12 @@ pub(crate) struct BounceParams {
     pub(crate) smooth_shadows: bool,
 }
 
-/// Surfaces to shade: sample `i` is lane `i % 8` of block `i / 8`.
+/// Surfaces to shade: sample `i` is lane `i % 8` of block `i / 8`, counted from the block of the first that was added with it.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct ShadingPoints {
-    /// The surfaces of the samples, then those of each bounce.
+    /// The surfaces of the samples, then those of each bounce; then again, for samples that were added later.
     pub(crate) surfaces: Vec<SurfaceBlock>,
-    /// Blocks of the samples themselves.
+    /// End of the blocks of the samples that were added last.
     pub(crate) primary_blocks: usize,
     bounces: Vec<Bounce>,
 }
@@ -100,10 +100,27 @@ impl ShadingPoints {
         spacing: Spacing,
         params: BounceParams,
     ) {
-        self.surfaces.clear();
-        self.bounces.clear();
+        self.clear();
         // Room for bounces too, since growing moves everything
         self.surfaces.reserve(hits.len() / 6 + 64);
+        self.add(scene, hits, directions, spacing, params);
+    }
+
+    pub(crate) fn clear(&mut self) {
+        self.surfaces.clear();
+        self.bounces.clear();
+    }
+
+    /// Takes more samples, and what they show, behind what is there; the block of the first is returned.
+    pub(crate) fn add(
+        &mut self,
+        scene: &Scene,
+        hits: &[Hit],
+        directions: &[[f32; 3]],
+        spacing: Spacing,
+        params: BounceParams,
+    ) -> usize {
+        let own_block = self.surfaces.len();
         let from = spacing.from.min(hits.len());
         assert_eq!(
             spacing.from % LANES,
@@ -118,7 +135,7 @@ impl ShadingPoints {
         }
         self.primary_blocks = self.surfaces.len();
         let first = Generation {
-            first_block: 0,
+            first_block: own_block,
             hits,
             directions,
             shares: &[],
@@ -149,6 +166,18 @@ impl ShadingPoints {
                 shares: &shares,
             };
             spawned = self.spawned(scene, &next, params);
+        }
+        own_block
+    }
+
+    /// Adds to lanes, given block by block, those that mirrors and lenses show them.
+    pub(crate) fn follow(&self, lanes: &mut [u32]) {
+        for bounce in &self.bounces {
+            for (i, link) in bounce.links.iter().enumerate() {
+                let from = link.point as usize;
+                let is_wanted = lanes[from / LANES] >> (from % LANES) & 1;
+                lanes[bounce.first_block + i / LANES] |= is_wanted << (i % LANES);
+            }
         }
     }
 

@@ -30,6 +30,8 @@ pub(crate) struct Gather<'a> {
     /// Distance from the surface at which rays to the light start, mm.
     pub(crate) offset: f32,
     pub(crate) surfaces: &'a [SurfaceBlock],
+    /// [`crate::whitted::Wanted::lanes`].
+    pub(crate) lanes: Option<&'a [u32]>,
     /// Blocks for which the irradiance is wanted, from the first.
     pub(crate) irradiance: usize,
     pub(crate) arriving: &'a mut Arriving,
@@ -49,7 +51,13 @@ impl Kernel for Gather<'_> {
     fn run<L: Lanes>(self) {
         self.arriving.resize(self.surfaces.len(), self.irradiance);
         for (index, block) in self.surfaces.iter().enumerate() {
+            let lanes = self.lanes.map_or(0xFF, |lanes| lanes[index]);
+            if lanes == 0 {
+                self.arriving.lit[index] = 0;
+                continue;
+            }
             gather::<L>(self.light, self.offset, block, index, self.arriving);
+            self.arriving.lit[index] &= lanes;
         }
     }
 }
@@ -235,6 +243,8 @@ pub(crate) struct Ambient<'a> {
     pub(crate) sum: AmbientSum,
     pub(crate) background: Rgb,
     pub(crate) surfaces: &'a [SurfaceBlock],
+    /// [`crate::whitted::Wanted::lanes`].
+    pub(crate) lanes: Option<&'a [u32]>,
     pub(crate) colors: &'a mut Vec<ColorBlock>,
     /// Light on the diffuse layer, before its colour, of the first `with_irradiance` blocks.
     pub(crate) irradiance: &'a mut Vec<ColorBlock>,
@@ -250,6 +260,13 @@ impl Kernel for Ambient<'_> {
         self.irradiance.clear();
         let background = V3::<L>::splat(self.background.into());
         for (index, block) in self.surfaces.iter().enumerate() {
+            if self.lanes.is_some_and(|lanes| lanes[index] == 0) {
+                self.colors.push(ColorBlock::default());
+                if index < self.with_irradiance {
+                    self.irradiance.push(ColorBlock::default());
+                }
+                continue;
+            }
             let share = L::load(&block.weight) * L::load(&block.exposure);
             let normal = V3::<L>::load(&block.normal);
             let [r, g, b] = &self.sum.slope;
@@ -273,11 +290,13 @@ impl Kernel for Ambient<'_> {
 pub(crate) fn add_bend(
     sum: &AmbientSum,
     surfaces: &[SurfaceBlock],
+    lanes: Option<&[u32]>,
     colors: &mut [ColorBlock],
     irradiance: &mut [ColorBlock],
 ) {
     for (index, (block, color)) in surfaces.iter().zip(colors).enumerate() {
-        for k in lanes_of(block.hit) {
+        let wanted = lanes.map_or(0xFF, |lanes| lanes[index]);
+        for k in lanes_of(block.hit & wanted) {
             let share = block.weight.0[k] * block.exposure.0[k];
             let light = sum.bend_on(lane(&block.normal, k));
             let own = lane(&block.albedo, k).component_mul(&light) * share;

@@ -32,11 +32,13 @@ pub(crate) struct Shader<'a> {
 
 /// What [`Shader::shade`] is to find beside colours.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Wanted {
+pub(crate) struct Wanted<'a> {
     /// [`Shaded::irradiance`].
     pub(crate) irradiance: bool,
     /// [`Shaded::arrived`].
     pub(crate) shadow: bool,
+    /// The only lanes of each block that matter; all if `None`.
+    pub(crate) lanes: Option<&'a [u32]>,
 }
 
 /// Shaded points, and buffers to be kept between calls. Blocks are those of [`ShadingPoints`].
@@ -56,7 +58,7 @@ pub(crate) struct Shaded {
 
 impl Shader<'_> {
     /// Shades all points.
-    pub(crate) fn shade(&self, points: &ShadingPoints, wanted: Wanted, shaded: &mut Shaded) {
+    pub(crate) fn shade(&self, points: &ShadingPoints, wanted: Wanted<'_>, shaded: &mut Shaded) {
         let with_irradiance = if wanted.irradiance {
             points.primary_blocks
         } else {
@@ -67,15 +69,16 @@ impl Shader<'_> {
             sum,
             background: self.scene.background,
             surfaces: &points.surfaces,
+            lanes: wanted.lanes,
             colors: &mut shaded.colors,
             irradiance: &mut shaded.irradiance,
             with_irradiance,
         });
         if sum.bend != AmbientSum::default().bend {
             let (colors, irradiance) = (&mut shaded.colors, &mut shaded.irradiance);
-            add_bend(&sum, &points.surfaces, colors, irradiance);
+            add_bend(&sum, &points.surfaces, wanted.lanes, colors, irradiance);
         }
-        self.show_backdrop(points, &mut shaded.colors);
+        self.show_backdrop(points, wanted.lanes, &mut shaded.colors);
         shaded.arrived.clear();
         if wanted.shadow {
             let nothing = [Eight::default(); 2];
@@ -89,6 +92,7 @@ impl Shader<'_> {
                 light,
                 offset: self.offset,
                 surfaces: &points.surfaces,
+                lanes: wanted.lanes,
                 irradiance: with_irradiance,
                 arriving: &mut shaded.arriving,
             });
@@ -109,12 +113,18 @@ impl Shader<'_> {
     }
 
     /// Sets the colours of rays that hit nothing, if the scene has more than a plain background.
-    fn show_backdrop(&self, points: &ShadingPoints, colors: &mut [ColorBlock]) {
+    fn show_backdrop(
+        &self,
+        points: &ShadingPoints,
+        lanes: Option<&[u32]>,
+        colors: &mut [ColorBlock],
+    ) {
         let Some(backdrop) = &self.scene.backdrop else {
             return;
         };
-        for (block, color) in points.surfaces.iter().zip(colors) {
-            for k in lanes_of(!block.hit & 0xFF) {
+        for (index, (block, color)) in points.surfaces.iter().zip(colors).enumerate() {
+            let wanted = lanes.map_or(0xFF, |lanes| lanes[index]);
+            for k in lanes_of(!block.hit & wanted) {
                 let found = backdrop.color(self.camera, -lane(&block.view, k));
                 for channel in 0..3 {
                     color[channel].0[k] = found[channel];

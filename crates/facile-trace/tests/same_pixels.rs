@@ -124,6 +124,52 @@ fn every_instruction_set_gives_the_same_bytes() {
 }
 
 #[test]
+fn an_image_does_not_depend_on_the_lights_before() {
+    let mut scene = busy_scene();
+    let mirror = Material {
+        reflectivity: 0.4,
+        ..Material::default()
+    };
+    let ball = icosphere(20.0, 3);
+    let mut ball = Object::new(&ball, Normals::Smooth, mirror).expect("valid");
+    let place = nalgebra::Vector3::new(-45.0, -30.0, 70.0);
+    let pose = facile_trace::math::Pose::new(place, nalgebra::Vector3::zeros());
+    ball.set_pose(&pose).expect("finite");
+    scene.add(ball);
+    let camera = camera_at(600.0, 96, 0.35);
+    let sets = [
+        vec![light(
+            "kind = 'point'\nposition = [300, 200, 500]\nintensity = 0.4",
+        )],
+        vec![light(
+            "kind = 'directional'\ndirection = [1, -1, -1]\nintensity = 0.3",
+        )],
+        vec![ambient()],
+        vec![
+            light("kind = 'point'\nposition = [-300, 100, 300]\nintensity = 0.4"),
+            ambient(),
+        ],
+    ];
+    let settings = settings(Samples::ADAPTIVE, Truth::default());
+    let trace = || trace_view(&scene, &camera, &settings).expect("valid");
+    let alone: Vec<Plane<[u8; 3]>> = sets
+        .iter()
+        .map(|lights| trace().shade(&scene, lights).expect("valid").to_srgb8())
+        .collect();
+    let view = trace();
+    assert_eq!(view.bytes_for_lights(), 0);
+    for set in [0, 1, 2, 3, 1, 0] {
+        let image = view.shade(&scene, &sets[set]).expect("valid").to_srgb8();
+        assert!(image == alone[set], "{set}");
+    }
+    // What was kept served lights again
+    let kept = view.bytes_for_lights();
+    view.shade(&scene, &sets[3]).expect("valid");
+    assert!(kept > 0 && kept == view.bytes_for_lights());
+    assert_eq!(view.clone().bytes_for_lights(), 0);
+}
+
+#[test]
 fn tiny_images_and_empty_scenes_are_right() {
     let lights = [ambient()];
     let scene = scene_of(&wall(0.0, 100.0), Normals::Flat, [0.25; 3]);

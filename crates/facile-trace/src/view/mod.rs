@@ -3,6 +3,7 @@
 //! [`trace_view`] shoots the primary rays and fills the labels; [`View::shade`] lights what they hit. One view serves any
 //! number of light settings. Only pixels inside the projected bounds of the scene are traced.
 
+mod further;
 mod shade;
 
 use std::borrow::Cow;
@@ -11,6 +12,8 @@ use std::time::{Duration, Instant};
 use facile_core::Plane;
 
 pub use shade::{Rendering, ShadeTimes};
+
+use further::Further;
 
 use crate::TraceError;
 use crate::bounces::{BounceParams, MIN_SHARE, ShadingPoints, Spacing};
@@ -89,6 +92,8 @@ pub struct View {
     /// Pixels with a fixed number of samples above 1.
     dense_pixels: Vec<[u32; 2]>,
     dense_hits: Vec<Hit>,
+    /// What samples see that some light asked for.
+    further: Further,
     /// Labels.
     pub gbuffer: GBuffer,
     /// What primary rays and labels took, wall clock.
@@ -171,6 +176,7 @@ pub fn trace_view(
         points,
         dense_pixels: Vec::new(),
         dense_hits: Vec::new(),
+        further: Further::default(),
         gbuffer,
         primary_time: Duration::ZERO,
     };
@@ -315,6 +321,11 @@ impl View {
     /// The camera.
     pub fn camera(&self) -> &Camera {
         &self.camera
+    }
+
+    /// Memory that the view keeps for the next light since it was lit, bytes.
+    pub fn bytes_for_lights(&self) -> usize {
+        self.further.bytes()
     }
 
     /// Number of primary rays that were traced.

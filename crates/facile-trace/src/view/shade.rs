@@ -1,4 +1,4 @@
-//! From what a view's rays found to an image: shading, and the samples that light asks for.
+//! From what a view's rays found to an image.
 
 use std::cell::Cell;
 use std::collections::BTreeSet;
@@ -7,18 +7,14 @@ use std::time::{Duration, Instant};
 use facile_core::Plane;
 
 use super::{CENTER, EDGE_SPACING, View, first_edge};
-use crate::bends::bent_pixels;
 use crate::bounces::{BounceParams, ShadingPoints, Spacing};
 use crate::error::TraceError;
 use crate::lanes::LANES;
-use crate::lens::LensRays;
 use crate::light::{Light, LightSource};
 use crate::math::Rgb;
-use crate::primary::{find_samples, sample_px};
-use crate::ray::{Hit, NO_OBJECT};
-use crate::sampling::{
-    FIRST_OFFSETS, GLINT_SAMPLES, MORE_SAMPLES, Samples, is_uneven, sample_offsets,
-};
+use crate::primary::sample_px;
+use crate::ray::Hit;
+use crate::sampling::{Samples, is_uneven, sample_offsets};
 use crate::scene::Scene;
 use crate::scratch;
 use crate::srgb::srgb8;
@@ -114,11 +110,11 @@ impl View {
                 let (pixels, hits) = (&self.dense_pixels, &self.dense_hits);
                 let offsets = sample_offsets(count);
                 let samples = (&pixels[..], &hits[..], &offsets[..]);
-                self.for_each_pixel(shader, scratch, samples, |pixel, samples| {
-                    color[pixel] = sum(samples) / count as f32;
+                self.for_each_pixel((shader, scratch), samples, |[x, y], samples| {
+                    color[(x as usize, y as usize)] = sum(samples) / count as f32;
                 });
             }
-            Samples::Adaptive(_) => self.refine(&mut color, &uneven_edges, shader, scratch),
+            Samples::Adaptive(_) => self.refine(&mut color, &uneven_edges, (shader, scratch)),
         }
         for (pixel, added) in spread {
             let own = &mut color[pixel];
@@ -145,6 +141,7 @@ impl View {
         let wanted = Wanted {
             irradiance: self.skin.is_some(),
             shadow: self.settings.truth.shadow,
+            lanes: None,
         };
         let mut lit = LitCenters::default();
         let hits = &self.centers.hits;
@@ -188,7 +185,7 @@ impl View {
                     .sight(sample_px(self.centers.pixels[i], CENTER), true)
             };
             let bounces = self.settings.bounces();
-            let spacing = self.camera.pixel_spacing();
+            let spacing = Spacing::even(self.camera.pixel_spacing());
             scratch.for_each_batch(shader, hits, direction, (spacing, bounces), wanted, take);
             let direction = |i: usize| {
                 let is_surface = self.edges.hits[i].is_some();
@@ -199,7 +196,7 @@ impl View {
                 lit.edges.extend((0..count).map(of));
             };
             let wanted = Wanted::default();
-            let spacing = spacing * EDGE_SPACING;
+            let spacing = Spacing::even(self.camera.pixel_spacing() * EDGE_SPACING);
             scratch.for_each_batch(shader, edges, direction, (spacing, bounces), wanted, take);
         }
         if let Some(skin) = &self.skin {
@@ -243,106 +240,13 @@ impl View {
         uneven.rough.retain(|pixel| !glossy.contains(pixel));
         uneven
     }
-
-    /// Takes a few samples where the pixels' centres do not follow their neighbours, and more where those differ.
-    fn refine(
-        &self,
-        color: &mut Plane<Rgb>,
-        uneven_edges: &UnevenEdges,
-        shader: &Shader<'_>,
-        scratch: &mut BatchScratch,
-    ) {
-        let (few, more) = (&FIRST_OFFSETS, &sample_offsets(MORE_SAMPLES));
-        let trace = |pixels: &[[u32; 2]], offsets: &[[f64; 2]]| {
-            let mut hits = Vec::new();
-            find_samples(shader.scene, &self.camera, pixels, offsets, &mut hits);
-            hits
-        };
-        // Take a few samples where a pixel does not lie between its neighbours on the same object
-        let mut objects = self.plane_of(NO_OBJECT, |i| self.centers.hits[i].object);
-        for part in &self.edges.parts {
-            objects[(part.pixel[0] as usize, part.pixel[1] as usize)] = NO_OBJECT;
-        }
-        let uneven = bent_pixels(color, &objects, &self.centers.pixels);
-        let hits = trace(&uneven, few);
-        let mut firsts = Vec::with_capacity(uneven.len());
-        self.for_each_pixel(shader, scratch, (&uneven, &hits, few), |pixel, samples| {
-            let sum = sum(samples);
-            color[pixel] = sum / few.len() as f32;
-            if is_uneven(samples) {
-                firsts.push((pixel, sum));
-            }
-        });
-        // Take the rest where those differ, and where the samples of a border do
-        let pixel = |(x, y): (usize, usize)| [x as u32, y as u32];
-        let mut unsettled: Vec<[u32; 2]> = firsts.iter().map(|(at, _)| pixel(*at)).collect();
-        unsettled.extend_from_slice(&uneven_edges.rough);
-        let hits = trace(&unsettled, more);
-        let mut firsts = firsts.iter();
-        let all = (few.len() + more.len()) as f32;
-        self.for_each_pixel(
-            shader,
-            scratch,
-            (&unsettled, &hits, more),
-            |pixel, samples| {
-                color[pixel] = match firsts.next() {
-                    Some((_, first)) => (first + sum(samples)) / all,
-                    None => sum(samples) / more.len() as f32,
-                };
-            },
-        );
-        let many = &sample_offsets(GLINT_SAMPLES);
-        let glints = &uneven_edges.glossy;
-        let hits = trace(glints, many);
-        self.for_each_pixel(shader, scratch, (glints, &hits, many), |pixel, samples| {
-            color[pixel] = sum(samples) / many.len() as f32;
-        });
-    }
-
-    /// Shades the samples of each pixel, given as pixels, hits and offsets, and calls `visit` with their colours.
-    fn for_each_pixel(
-        &self,
-        shader: &Shader<'_>,
-        scratch: &mut BatchScratch,
-        (pixels, hits, offsets): (&[[u32; 2]], &[Hit], &[[f64; 2]]),
-        mut visit: impl FnMut((usize, usize), &[Rgb]),
-    ) {
-        let count = offsets.len();
-        let lens = LensRays::of(&self.camera, count);
-        let direction = |i: usize| {
-            let (pixel, offset, is_surface) =
-                (pixels[i / count], offsets[i % count], hits[i].is_some());
-            match &lens {
-                // Backdrops are as sharp as their pictures are
-                Some(lens) if is_surface => lens.ray(pixel, offset, i % count).direction.into(),
-                _ => self.camera.sight(sample_px(pixel, offset), is_surface),
-            }
-        };
-        let mut pixels = pixels.iter();
-        let mut samples = Vec::with_capacity(count);
-        let bounces = self.settings.bounces();
-        let spacing = self.camera.pixel_spacing() / (count as f32).sqrt();
-        let take = |_: &ShadingPoints, shaded: &Shaded, in_batch: usize| {
-            for k in 0..in_batch {
-                samples.push(surface::lane(&shaded.colors[k / LANES], k % LANES));
-                if samples.len() == count {
-                    if let Some([x, y]) = pixels.next() {
-                        visit((*x as usize, *y as usize), &samples);
-                    }
-                    samples.clear();
-                }
-            }
-        };
-        let wanted = Wanted::default();
-        scratch.for_each_batch(shader, hits, direction, (spacing, bounces), wanted, take);
-    }
 }
 
 /// Pixels on borders where the few samples of an object differ.
 #[derive(Default)]
-struct UnevenEdges {
-    rough: Vec<[u32; 2]>,
-    glossy: Vec<[u32; 2]>,
+pub(super) struct UnevenEdges {
+    pub(super) rough: Vec<[u32; 2]>,
+    pub(super) glossy: Vec<[u32; 2]>,
 }
 
 /// What the pixels' centres show.
@@ -357,7 +261,7 @@ struct LitCenters {
     spread: Vec<((usize, usize), Rgb)>,
 }
 
-fn sum(samples: &[Rgb]) -> Rgb {
+pub(super) fn sum(samples: &[Rgb]) -> Rgb {
     samples.iter().fold(Rgb::zeros(), |sum, c| sum + c)
 }
 
@@ -367,22 +271,22 @@ thread_local! {
 
 /// Buffers of [`View::shade`].
 #[derive(Default)]
-struct BatchScratch {
+pub(super) struct BatchScratch {
     directions: Vec<[f32; 3]>,
     points: ShadingPoints,
-    shaded: Shaded,
+    pub(super) shaded: Shaded,
 }
 
 impl BatchScratch {
     /// Shades hits in batches; `direction(i)` is that of the ray that made hit `i`. `take` gets what was shaded, and of how
     /// many hits.
-    fn for_each_batch(
+    pub(super) fn for_each_batch(
         &mut self,
         shader: &Shader<'_>,
         hits: &[Hit],
         direction: impl Fn(usize) -> [f32; 3],
-        (spacing, bounces): (f32, BounceParams),
-        wanted: Wanted,
+        (spacing, bounces): (Spacing, BounceParams),
+        wanted: Wanted<'_>,
         mut take: impl FnMut(&ShadingPoints, &Shaded, usize),
     ) {
         for start in (0..hits.len()).step_by(BATCH) {
@@ -390,13 +294,8 @@ impl BatchScratch {
             self.directions.clear();
             self.directions.extend((start..end).map(&direction));
             let hits = &hits[start..end];
-            self.points.find(
-                shader.scene,
-                hits,
-                &self.directions,
-                Spacing::even(spacing),
-                bounces,
-            );
+            self.points
+                .find(shader.scene, hits, &self.directions, spacing, bounces);
             shader.shade(&self.points, wanted, &mut self.shaded);
             take(&self.points, &self.shaded, hits.len());
         }
