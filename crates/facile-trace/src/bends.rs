@@ -1,12 +1,12 @@
 //! Which pixels do not follow their neighbours.
 
 use facile_core::Plane;
+use facile_core::color::Srgb8Codes;
 
 use crate::lanes::{Kernel, LANES, LaneMask, Lanes, lanes_of, run};
 use crate::math::Rgb;
 use crate::ray::NO_OBJECT;
 use crate::sampling::{BEND_LIMIT, STEP_LIMIT};
-use crate::srgb::srgb8;
 
 /// The pixels of a list that are bent or stepped against two opposite neighbours, by more than [`BEND_LIMIT`] or
 /// [`STEP_LIMIT`], and those next to another object, where neighbours tell nothing. Even slopes are right as they are: the
@@ -16,25 +16,49 @@ pub(crate) fn bent_pixels(
     objects: &Plane<u32>,
     pixels: &[[u32; 2]],
 ) -> Vec<[u32; 2]> {
-    let codes = srgb8(colors);
-    let channel = |k: usize| -> Vec<f32> {
-        let codes = codes.as_slice().iter();
-        codes.map(|code| f32::from(code[k])).collect()
+    // Rows beside those of the pixels say nothing
+    let rows = || pixels.iter().map(|[_, y]| *y as usize);
+    let (Some(first), Some(last)) = (rows().min(), rows().max()) else {
+        return Vec::new();
     };
+    let (first, end) = (first.saturating_sub(1), (last + 2).min(colors.height()));
+    let width = colors.width();
+    let area = first * width..end * width;
     let number = |object: &u32| match *object {
         NO_OBJECT => 0.0,
         object => object as f32 + 1.0,
     };
-    let width = colors.width();
-    let mut is_bent = vec![false; codes.as_slice().len()];
+    let objects = &objects.as_slice()[area.clone()];
+    let mut is_bent = vec![false; objects.len()];
     run(Bends {
-        codes: &[channel(0), channel(1), channel(2)],
-        objects: &objects.as_slice().iter().map(number).collect::<Vec<_>>(),
-        size: [width, colors.height()],
+        codes: &channels(&colors.as_slice()[area]),
+        objects: &objects.iter().map(number).collect::<Vec<_>>(),
+        size: [width, end - first],
         is_bent: &mut is_bent,
     });
-    let own = |[x, y]: &[u32; 2]| is_bent[*y as usize * width + *x as usize];
+    let own = |[x, y]: &[u32; 2]| is_bent[(*y as usize - first) * width + *x as usize];
     pixels.iter().copied().filter(own).collect()
+}
+
+/// The channels of colours in 8-bit sRGB.
+fn channels(colors: &[Rgb]) -> [Vec<f32>; 3] {
+    let codes = Srgb8Codes::default();
+    let mut channels = [const { Vec::new() }; 3];
+    for channel in &mut channels {
+        channel.reserve(colors.len());
+    }
+    // Backgrounds are long runs of one colour
+    let (mut last, mut own) = (Rgb::zeros(), [0.0; 3]);
+    for color in colors {
+        if *color != last {
+            last = *color;
+            own = [color.x, color.y, color.z].map(|v| f32::from(codes.of(v)));
+        }
+        for (channel, code) in channels.iter_mut().zip(own) {
+            channel.push(code);
+        }
+    }
+    channels
 }
 
 /// Marks bent pixels.

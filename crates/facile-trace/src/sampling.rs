@@ -57,7 +57,7 @@ pub const BEND_LIMIT: i16 = 14;
 pub const STEP_LIMIT: i16 = 24;
 
 /// Difference of two of a pixel's samples from which it gets more.
-pub const SPREAD_LIMIT: u8 = 10;
+pub const SPREAD_LIMIT: u8 = 14;
 
 /// The golden ratio's fraction: its multiples spread most evenly over the unit interval.
 const GOLDEN: f64 = 0.618_033_988_749_894_9;
