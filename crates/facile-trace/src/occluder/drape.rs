@@ -23,6 +23,16 @@ struct Membrane {
     radii: Vec<f64>,
 }
 
+/// Where threads pull a point: a length, and shares of its neighbours' radii.
+#[derive(Clone, Copy, Default)]
+struct Pull {
+    rest: f64,
+    left: f64,
+    right: f64,
+    above: f64,
+    below: f64,
+}
+
 impl Membrane {
     /// Lays cloth at least `clearance` mm over the head. `ray(s, t)` gives a centre in the head and a unit direction for
     /// `s` in `[-1, 1]` along the rows and `t` in `[0, 1]` from the top row to the bottom row.
@@ -59,37 +69,69 @@ impl Membrane {
         sheet
     }
 
+    /// Moves each point, never under its floor, to where the threads between its opposite neighbours pass. Points whose row
+    /// and column add up to an even number go first, so that both sides of a face are treated alike.
     fn relax(&mut self) {
         let floor = self.radii.clone();
+        let pulls = self.pulls();
         let (n, rows) = (self.columns, self.rows);
-        for _ in 0..RELAXATIONS {
+        for round in 0..2 * RELAXATIONS {
             for row in 0..rows {
-                for column in 0..n {
-                    let at = |c: usize, r: usize| self.point(c, r);
+                for column in ((row + round) % 2..n).step_by(2) {
                     let i = row * n + column;
-                    let (center, out) = (self.centers[i], self.directions[i]);
-                    let (mut sum, mut count) = (0.0, 0.0);
-                    let mut take = |pair: [Option<Point3>; 2]| {
-                        // Only pairs of opposite neighbours pull: the rim of a sheet keeps its shape along itself
-                        if let [Some(a), Some(b)] = pair {
-                            // Where a thread between them passes
-                            let middle: Vector3 = (a.coords + b.coords) / 2.0;
-                            sum += (middle - center.coords).dot(&out);
-                            count += 1.0;
-                        }
-                    };
-                    let left = (column > 0 || self.is_ring).then(|| at((column + n - 1) % n, row));
-                    let right = (column + 1 < n || self.is_ring).then(|| at((column + 1) % n, row));
-                    take([left, right]);
-                    let above = (row > 0).then(|| at(column, row - 1));
-                    let below = (row + 1 < rows).then(|| at(column, row + 1));
-                    take([above, below]);
-                    if count > 0.0 {
-                        self.radii[i] = floor[i].max(sum / count);
-                    }
+                    let left = if column > 0 { i - 1 } else { i + n - 1 };
+                    let right = if column + 1 < n { i + 1 } else { i + 1 - n };
+                    // Past the first and last row there is no pull
+                    let above = i.saturating_sub(n);
+                    let below = if row + 1 < rows { i + n } else { i };
+                    let pull = &pulls[i];
+                    let at = |k: usize| self.radii[k];
+                    let across = pull.left * at(left) + pull.right * at(right);
+                    let along = pull.above * at(above) + pull.below * at(below);
+                    self.radii[i] = floor[i].max(pull.rest + across + along);
                 }
             }
         }
+    }
+
+    /// How far out the threads between the neighbours of each point pass.
+    fn pulls(&self) -> Vec<Pull> {
+        let n = self.columns;
+        let of = |i: usize| {
+            let (row, column) = (i / n, i % n);
+            let (center, out) = (self.centers[i], self.directions[i]);
+            // Only pairs of opposite neighbours pull: the rim of a sheet keeps its shape along itself
+            let is_across = self.is_ring || (column > 0 && column + 1 < n);
+            let is_along = row > 0 && row + 1 < self.rows;
+            let pairs = u8::from(is_across) + u8::from(is_along);
+            if pairs == 0 {
+                return Pull {
+                    rest: f64::NEG_INFINITY,
+                    ..Pull::default()
+                };
+            }
+            let share = 0.5 / f64::from(pairs);
+            let mut pull = Pull::default();
+            let mut take = |k: usize| {
+                pull.rest += (self.centers[k] - center).dot(&out) * share;
+                self.directions[k].dot(&out) * share
+            };
+            let (left, right) = (row * n + (column + n - 1) % n, row * n + (column + 1) % n);
+            let [left, right] = [left, right].map(|k| if is_across { take(k) } else { 0.0 });
+            let [above, below] = if is_along {
+                [i - n, i + n].map(take)
+            } else {
+                [0.0; 2]
+            };
+            Pull {
+                left,
+                right,
+                above,
+                below,
+                ..pull
+            }
+        };
+        (0..self.radii.len()).map(of).collect()
     }
 
     fn point(&self, column: usize, row: usize) -> Point3 {
