@@ -108,21 +108,22 @@ impl Texture {
         let (lut, codes): (&[f32; 256], _) = (&LINEAR_FROM_SRGB8, Srgb8Codes::default());
         let (width, height) = (self.width.div_ceil(2), self.height.div_ceil(2));
         let mut texels = Vec::with_capacity(width * height);
-        let mean = |[a, b, c, d]: [[u8; 3]; 4]| -> [u8; 3] {
-            std::array::from_fn(|k| {
-                let [a, b, c, d] = [a, b, c, d].map(|t| lut[usize::from(t[k])]);
-                codes.of(0.25 * (a + b + c + d))
-            })
+        let mean = |a: &[u8; 3], b: &[u8; 3], c: &[u8; 3], d: &[u8; 3]| {
+            let of = |k: usize| {
+                let linear = |texel: &[u8; 3]| lut[usize::from(texel[k])];
+                codes.of(0.25 * (linear(a) + linear(b) + linear(c) + linear(d)))
+            };
+            [of(0), of(1), of(2)]
         };
         for y in 0..height {
             let row = |y: usize| &self.texels[y * self.width..(y + 1) * self.width];
             let (top, bottom) = (row(2 * y), row((2 * y + 1).min(self.height - 1)));
             let ((tops, top), (bottoms, bottom)) = (top.as_chunks::<2>(), bottom.as_chunks::<2>());
             let pairs = tops.iter().zip(bottoms);
-            texels.extend(pairs.map(|([a, b], [c, d])| mean([*a, *b, *c, *d])));
+            texels.extend(pairs.map(|([a, b], [c, d])| mean(a, b, c, d)));
             // A last column by itself counts twice
             let alone = top.iter().zip(bottom);
-            texels.extend(alone.map(|(a, c)| mean([*a, *a, *c, *c])));
+            texels.extend(alone.map(|(a, c)| mean(a, a, c, c)));
         }
         Self::new(width, height, texels)
     }
