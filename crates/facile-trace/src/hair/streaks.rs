@@ -1,13 +1,16 @@
 //! Single strands on cards whose pictures show locks: streaks along the strands, finer than what was painted.
 //!
-//! White noise is smeared along the direction in which strands run on the picture. Source: Cabral, Leedom, Imaging Vector
-//! Fields Using Line Integral Convolution, SIGGRAPH 1993.
+//! White noise is smeared along the direction in which strands run on the picture. Sources: Cabral, Leedom, Imaging Vector
+//! Fields Using Line Integral Convolution, SIGGRAPH 1993; Stalling, Hege, Fast and Resolution Independent Line Integral
+//! Convolution, SIGGRAPH 1995: one line serves all texels that it passes.
 
 use facile_core::color::{LINEAR_FROM_SRGB8, srgb8_from_linear};
 use facile_core::{HairStyle, Mesh, Texture, Vector3};
 
 /// Texels that a streak reaches to either side.
 const REACH: usize = 48;
+/// Texels to either side of the one a line begins at that it serves.
+const SERVED: usize = 96;
 /// Power of the painted brightness: above 1 for more contrast.
 const CONTRAST: f32 = 1.5;
 /// Standard deviation of a strand's brightness over the mean around it.
@@ -20,18 +23,14 @@ pub(super) fn streaked(style: &HairStyle) -> Texture {
     let [width, height] = style.size();
     let along = directions(&style.mesh, &style.strands, [width, height]);
     let noise: Vec<f32> = (0..width * height).map(|i| noise(i as u32)).collect();
-    let lut = &*LINEAR_FROM_SRGB8;
+    let streaks = smeared(&noise, &along, [width, height], &style.cover);
+    let painted: [f32; 256] = LINEAR_FROM_SRGB8.map(|light| libm::powf(light, CONTRAST));
     let mut texture = style.light.clone();
-    let texels = texture.texels_mut().iter_mut().enumerate();
-    // What the cards leave out is not seen
-    texels
-        .filter(|(i, _)| style.cover[*i] > 0)
-        .for_each(|(i, texel)| {
-            let painted = libm::powf(lut[usize::from(texel[0])], CONTRAST);
-            let streak = smeared(&noise, &along, [width, height], i);
-            let light = (painted * (1.0 + DEVIATION * streak)).clamp(DARKEST, 1.0);
-            *texel = [srgb8_from_linear(light); 3];
-        });
+    let texels = texture.texels_mut().iter_mut().zip(streaks);
+    for ((texel, streak), _) in texels.zip(&style.cover).filter(|(_, cover)| **cover > 0) {
+        let light = painted[usize::from(texel[0])] * (1.0 + DEVIATION * streak);
+        *texel = [srgb8_from_linear(light.clamp(DARKEST, 1.0)); 3];
+    }
     texture
 }
 
@@ -105,28 +104,62 @@ fn for_each_texel(at: &[[f64; 2]; 3], [width, height]: [usize; 2], mut visit: im
     }
 }
 
-/// Mean of the noise along the strand through a texel, of unit variance.
-fn smeared(noise: &[f32], along: &[[f32; 2]], [width, height]: [usize; 2], i: usize) -> f32 {
-    let (mut sum, mut count) = (noise[i], 1.0_f32);
-    for side in [-1.0_f32, 1.0] {
-        let (mut x, mut y) = ((i % width) as f32, (i / width) as f32);
-        let mut heading = along[i].map(|v| v * side);
-        for _ in 0..REACH {
-            (x, y) = (x + heading[0], y + heading[1]);
-            let inside = x >= 0.0 && y >= 0.0 && x < width as f32 - 0.5 && y < height as f32 - 0.5;
-            if !inside || heading == [0.0; 2] {
-                break;
+/// Means of the noise along the strand through each covered texel, of unit variance; not a number in others.
+fn smeared(noise: &[f32], along: &[[f32; 2]], size: [usize; 2], cover: &[u8]) -> Vec<f32> {
+    let mut means = vec![f32::NAN; noise.len()];
+    let (mut places, mut running) = (Vec::new(), Vec::new());
+    for i in (0..noise.len()).filter(|i| cover[*i] > 0) {
+        if !means[i].is_nan() {
+            continue;
+        }
+        places.clear();
+        walk(along, size, (i, -1.0), &mut places);
+        places.reverse();
+        let middle = places.len();
+        places.push(i);
+        walk(along, size, (i, 1.0), &mut places);
+        // The noise up to each place
+        running.clear();
+        running.push(0.0);
+        let mut sum = 0.0;
+        running.extend(places.iter().map(|place| {
+            sum += noise[*place];
+            sum
+        }));
+        for k in middle.saturating_sub(SERVED)..places.len().min(middle + SERVED + 1) {
+            let (from, to) = (k.saturating_sub(REACH), places.len().min(k + REACH + 1));
+            let mean = &mut means[places[k]];
+            // The first line counts: the mean of several would be duller
+            if mean.is_nan() {
+                *mean = (running[to] - running[from]) / ((to - from) as f32).sqrt();
             }
-            let place = (y + 0.5) as usize * width + (x + 0.5) as usize;
-            sum += noise[place];
-            count += 1.0;
-            // Strands have no sign: go on the way one came
-            let next = along[place];
-            let turn = next[0] * heading[0] + next[1] * heading[1];
-            heading = next.map(|v| if turn < 0.0 { -v } else { v });
         }
     }
-    sum / count.sqrt()
+    means
+}
+
+/// Appends the texels that the strand through texel `i` passes, from the next on, to its positive or negative side.
+fn walk(
+    along: &[[f32; 2]],
+    [width, height]: [usize; 2],
+    (i, side): (usize, f32),
+    places: &mut Vec<usize>,
+) {
+    let (mut x, mut y) = ((i % width) as f32, (i / width) as f32);
+    let mut heading = along[i].map(|v| v * side);
+    for _ in 0..SERVED + REACH {
+        (x, y) = (x + heading[0], y + heading[1]);
+        let inside = x >= 0.0 && y >= 0.0 && x < width as f32 - 0.5 && y < height as f32 - 0.5;
+        if !inside || heading == [0.0; 2] {
+            return;
+        }
+        let place = (y + 0.5) as usize * width + (x + 0.5) as usize;
+        places.push(place);
+        // Strands have no sign: go on the way one came
+        let next = along[place];
+        let turn = next[0] * heading[0] + next[1] * heading[1];
+        heading = next.map(|v| if turn < 0.0 { -v } else { v });
+    }
 }
 
 /// White noise of unit variance, uniform. Source of the hash: Wellons, Prospecting for Hash Functions, 2018.
