@@ -20,6 +20,7 @@ pub mod record;
 pub mod report;
 pub mod sampling;
 pub mod sheet;
+mod threads;
 pub mod units;
 pub mod verify;
 pub mod write;

@@ -13,6 +13,7 @@ use crate::Error;
 use crate::pipeline::{Pipeline, Worker};
 use crate::recipe::Recipe;
 use crate::recipe::file::Format;
+use crate::threads;
 use crate::write::{self, ANNOTATIONS, CHECKSUMS, EncodedSample, Encoder, Manifest};
 
 /// Bytes read at once.
@@ -66,7 +67,7 @@ pub fn verify(root: &Path) -> Result<Verdict, Error> {
     };
     Ok(Verdict {
         files: entries.len() as u64,
-        bad: entries.par_iter().filter_map(check).collect(),
+        bad: threads::with(|| entries.par_iter().filter_map(check).collect()),
         manifest,
     })
 }

@@ -19,6 +19,7 @@ use super::cache::{Cache, Counts};
 use super::{equilibria, hair};
 use crate::Error;
 use crate::recipe::SubjectSource;
+use crate::threads;
 
 /// Names the code that registers, so that what other code left in a cache is not taken.
 const CODE: &str = env!("FACILE_REGISTRATION_CODE");
@@ -311,14 +312,16 @@ impl Registrations {
             return Ok(registered);
         }
         self.counts.made();
-        let registrar = match self.registrar.get() {
-            Some(registrar) => registrar,
-            None => {
-                let made = Registrar::new(self.reference, self.params.clone())?;
-                self.registrar.get_or_init(|| made)
-            }
-        };
-        let mut result = registrar.register_with(scan, landmarks)?;
+        let mut result = threads::with(|| {
+            let registrar = match self.registrar.get() {
+                Some(registrar) => registrar,
+                None => {
+                    let made = Registrar::new(self.reference, self.params.clone())?;
+                    self.registrar.get_or_init(|| made)
+                }
+            };
+            registrar.register_with(scan, landmarks)
+        })?;
         result.subject.id.clone_from(&scan.name);
         if !self.is_shipped() {
             facile_flow::seat_skull(&mut result.subject, ReferenceHead::embedded());

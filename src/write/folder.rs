@@ -17,6 +17,7 @@ use sha2::{Digest as _, Sha256};
 
 use crate::Error;
 use crate::recipe::file::Format;
+use crate::threads;
 
 use super::card::{CARD, CROISSANT, Tally};
 use super::coco::{COCO, write_coco};
@@ -123,14 +124,14 @@ impl Folder {
         let present = |f: &FileEntry| {
             fs::metadata(self.root.join(&f.name)).is_ok_and(|m| m.is_file() && m.len() == f.bytes)
         };
-        Ok(units
-            .into_par_iter()
-            .filter_map(|unit| {
-                let journal = read_journal(&self.root, unit)?;
-                let is_whole = journal.files.iter().all(present);
-                is_whole.then(|| (unit, journal.samples()))
-            })
-            .collect())
+        let whole = |unit| {
+            let journal = read_journal(&self.root, unit)?;
+            let is_whole = journal.files.iter().all(present);
+            is_whole.then(|| (unit, journal.samples()))
+        };
+        Ok(threads::with(|| {
+            units.into_par_iter().filter_map(whole).collect()
+        }))
     }
 
     /// Writes annotations, checksums and manifest from the journals of the finished units, and removes the journals if
@@ -139,6 +140,10 @@ impl Folder {
     /// # Errors
     /// [`Error::Io`] with the file that could not be written.
     pub fn finish(&self) -> Result<Manifest, Error> {
+        threads::with(|| self.finish_here())
+    }
+
+    fn finish_here(&self) -> Result<Manifest, Error> {
         let units = self.finished_units()?;
         let journals = || {
             units

@@ -96,6 +96,23 @@ def test_workers_and_ranks_make_each_sample_once(protocol):
     assert sorted(seen) == list(range(8))
 
 
+def test_workers_register_after_their_parent_did(protocol, monkeypatch, tmp_path):
+    """Threads do not survive a fork: a worker that waited for its parent's would wait for ever."""
+    monkeypatch.setenv("FACILE_CACHE", str(tmp_path))
+    recipe = RECIPE | {"subjects": {"builtin": ["amara", "bjorn"]}}
+    dataset = protocol.MapDataset(recipe, index)
+    assert dataset[0] == 0
+    fork = multiprocessing.get_context("fork")
+    results = fork.Queue()
+    worker = fork.Process(target=lambda: results.put(dataset[7]))
+    worker.start()
+    try:
+        assert results.get(timeout=120) == 7
+    finally:
+        worker.kill()
+        worker.join()
+
+
 def test_ranks_come_from_the_process_group(protocol):
     group = sys.modules["torch.distributed"]
     group.is_initialized, group.get_rank, group.get_world_size = (lambda: True), (lambda: 1), (lambda: 4)
