@@ -24,7 +24,7 @@ use crate::lanes::LANES;
 use crate::layers;
 use crate::lens::LensRays;
 use crate::object::Object;
-use crate::primary::{self, Method, PixelHits, find_samples, pixels_in_blocks, sample_px};
+use crate::primary::{self, Method, PixelHits, find_samples, pixels_in_blocks};
 use crate::raster::Wanted;
 use crate::ray::{Hit, NO_OBJECT};
 use crate::sampling::{Samples, sample_offsets};
@@ -338,8 +338,25 @@ impl View {
     }
 }
 
-/// Directions of the rays through pixels' centres.
+/// Directions of the rays through pixels' centres, those of [`Camera::sight`].
 fn center_directions(camera: &Camera, pixels: &[[u32; 2]]) -> Vec<[f32; 3]> {
-    let direction = |pixel: &[u32; 2]| camera.sight(sample_px(*pixel, CENTER), true);
+    if camera.is_orthographic() {
+        return vec![camera.sight(CENTER, true); pixels.len()];
+    }
+    let center = |i: usize| i as f64 + 0.5;
+    let columns: Vec<[f64; 3]> = (0..camera.width())
+        .map(|x| camera.direction_of_column(center(x)))
+        .collect();
+    let rows: Vec<[f64; 3]> = (0..camera.height())
+        .map(|y| camera.direction_of_row(center(y)))
+        .collect();
+    let direction = |[x, y]: &[u32; 2]| {
+        let (column, row) = (&columns[*x as usize], &rows[*y as usize]);
+        [
+            (column[0] + row[0]) as f32,
+            (column[1] + row[1]) as f32,
+            (column[2] + row[2]) as f32,
+        ]
+    };
     pixels.iter().map(direction).collect()
 }
