@@ -31,13 +31,19 @@ const FAMILIAR: f64 = 0.9;
 /// The power with which strangeness grows beyond that, and the most that it grows to.
 const STRANGENESS_POWER: f64 = 16.0;
 const STRANGEST: f64 = 6.0;
+/// Modes that are opposite left and right: of the model's population they hold nine tenths of what is.
+const ODD_MODES: usize = 8;
 /// Unknowns before the coefficients: rotation, translation, logarithm of the size.
 const POSE: usize = 7;
 
-/// Displacements of the fine vertices per standard deviation of each mode.
+/// Displacements of cage and fine vertices per standard deviation of each mode.
+///
+/// The modes are those of the model's population together with its mirror images: what is the same left and right, and
+/// apart from it what is opposite. The population's own modes hold a little of both, and so bend to the one side more
+/// easily than to the other.
 pub(crate) struct FineModes {
-    /// The model, or none: then every fit gives the mean.
-    model: Option<&'static IdentityModel>,
+    /// By mode, mm; none without a model: then every fit gives the mean.
+    cage: Vec<Vec<Vector3>>,
     /// By fine vertex, by mode, mm.
     modes: Vec<Vector3>,
     count: usize,
@@ -62,23 +68,18 @@ pub(crate) struct Iterate<'a> {
 }
 
 impl FineModes {
-    /// Subdivides the modes of the cage.
-    pub(crate) fn new(model: Option<&'static IdentityModel>, stencils: &Stencils) -> Self {
-        let count = model.map_or(0, IdentityModel::len);
+    /// Subdivides the modes of the cage, whose vertices have these `mirror` images.
+    pub(crate) fn new(model: Option<&IdentityModel>, mirror: &[u32], stencils: &Stencils) -> Self {
+        let cage = model.map_or_else(Vec::new, |m| symmetric_modes(m, mirror));
+        let count = cage.len();
         let mut modes = vec![Vector3::zeros(); count * stencils.len()];
-        if let Some(m) = model {
-            for k in 0..count {
-                let fine = stencils.apply(m.cage_mode(k), Vector3::zeros());
-                for (v, d) in fine.into_iter().enumerate() {
-                    modes[v * count + k] = d;
-                }
+        for (k, mode) in cage.iter().enumerate() {
+            let fine = stencils.apply(mode, Vector3::zeros());
+            for (v, d) in fine.into_iter().enumerate() {
+                modes[v * count + k] = d;
             }
         }
-        Self {
-            model,
-            modes,
-            count,
-        }
+        Self { cage, modes, count }
     }
 
     /// The mean face at a size.
@@ -93,8 +94,7 @@ impl FineModes {
     /// The cage with modes added: `(rest + sum of modes) * size`.
     pub(crate) fn cage(&self, rest: &[Point3], identity: &Identity) -> Vec<Vector3> {
         let mut cage: Vec<Vector3> = rest.iter().map(|p| p.coords).collect();
-        for (k, a) in identity.coefficients.iter().enumerate() {
-            let mode = self.model.map_or(&[] as &[Vector3], |m| m.cage_mode(k));
+        for (mode, a) in self.cage.iter().zip(&identity.coefficients) {
             for (p, d) in cage.iter_mut().zip(mode) {
                 *p += d * *a;
             }
@@ -173,6 +173,37 @@ impl FineModes {
     }
 }
 
+/// The modes of a model's population and its mirror images: the even part of each mode, and the [`ODD_MODES`] strongest
+/// principal components of the odd parts.
+fn symmetric_modes(model: &IdentityModel, mirror: &[u32]) -> Vec<Vec<Vector3>> {
+    let turned = |d: &Vector3| Vector3::new(-d.x, d.y, d.z);
+    let part = |k: usize, sign: f64| -> Vec<Vector3> {
+        let mode = model.cage_mode(k);
+        (mode.iter().zip(mirror))
+            .map(|(d, m)| (d + turned(&mode[*m as usize]) * sign) * 0.5)
+            .collect()
+    };
+    let odd: Vec<Vec<Vector3>> = (0..model.len()).map(|k| part(k, -1.0)).collect();
+    let inner = |i: usize, j: usize| -> f64 {
+        let (i, j) = (i.min(j), i.max(j));
+        odd[i].iter().zip(&odd[j]).map(|(a, b)| a.dot(b)).sum()
+    };
+    let axes = DMatrix::from_fn(odd.len(), odd.len(), inner).symmetric_eigen();
+    let mut order: Vec<usize> = (0..odd.len()).collect();
+    order.sort_by(|a, b| axes.eigenvalues[*b].total_cmp(&axes.eigenvalues[*a]));
+    let component = |axis: usize| -> Vec<Vector3> {
+        let mut sum = vec![Vector3::zeros(); mirror.len()];
+        for (mode, share) in odd.iter().zip(axes.eigenvectors.column(axis).iter()) {
+            for (s, d) in sum.iter_mut().zip(mode) {
+                *s += d * *share;
+            }
+        }
+        sum
+    };
+    let odd = order.into_iter().take(ODD_MODES).map(component);
+    (0..model.len()).map(|k| part(k, 1.0)).chain(odd).collect()
+}
+
 /// The goals that a fit uses, and how many each stands for. Landmarks come one by one and count each; of the rest
 /// one pair of mirror images stands for others, so that a mirrored scan gives the mirrored fit.
 fn used_goals<'g>(template: &Template<'_>, goals: &'g [Goal]) -> Vec<(&'g Goal, f64)> {
@@ -198,7 +229,8 @@ pub(crate) fn strangeness(template: &Template<'_>, now: &Iterate<'_>, goals: &[G
             let at = template.reference.mesh.positions[v];
             let weight = template.areas[v] * goal.weight;
             let distance = now.normals[v].dot(&(goal.at - now.positions[v]));
-            let cube = [at.x, at.y, at.z].map(|c| (c / CUBE).floor() as i32);
+            // Cubes about the origin: the middle plane divides none.
+            let cube = [at.x, at.y, at.z].map(|c| (c / CUBE).round() as i32);
             let (sum, total) = cubes.entry(cube).or_default();
             *sum += weight * distance;
             *total += weight;
