@@ -186,11 +186,11 @@ fn outward(normal: Vector3, map: &RadialMap, x: usize) -> (Vector3, f64) {
 
 /// Takes the local mean over `sigma` cells out of normals and colour.
 fn remove_wide_variation(values: &mut Plane<Channels>, mask: &Plane<f32>, sigma: f64) {
+    /// A wide blur needs no more than the means of so many cells either way.
+    const STEP: usize = 4;
     if sigma <= 0.0 {
         return;
     }
-    // A wide blur needs no more than the means of four by four cells.
-    const STEP: usize = 4;
     let wide = pooled(values, mask, STEP, sigma / STEP as f64);
     for y in 0..values.height() {
         for x in 0..values.width() {

@@ -105,32 +105,46 @@ impl FineModes {
         cage
     }
 
+    /// Where an identity puts one fine vertex, mm.
+    fn place(&self, template: &Template<'_>, v: usize, identity: &Identity) -> Point3 {
+        let modes = &self.modes[v * self.count..(v + 1) * self.count];
+        let rest = template.reference.mesh.positions[v].coords;
+        let moved = (modes.iter().zip(&identity.coefficients)).fold(rest, |p, (m, a)| p + m * *a);
+        Point3::from(moved * identity.size)
+    }
+
     /// One step: improves `identity` and returns the rigid motion of the face that brings it nearest to the goals.
-    /// How far the goals can be believed is found from their distances, within `error` mm, times the strangeness.
+    /// `normals`: those of the face as it is now. How far the goals can be believed is found from their distances, within
+    /// `error` mm, times the strangeness.
     pub(crate) fn step(
         &self,
         template: &Template<'_>,
-        now: &Iterate<'_>,
+        normals: &[Vector3],
         goals: &[Goal],
         error: &RangeInclusive<f64>,
         identity: &mut Identity,
     ) -> Isometry3 {
         let n = POSE + self.count;
-        let used = used_goals(template, goals);
-        let Iterate { positions, normals } = *now;
-        let error = goal_error(template, now, &used).clamp(*error.start(), *error.end())
+        let used: Vec<Used<'_>> = (used_goals(template, goals).into_iter())
+            .map(|(goal, count)| Used {
+                goal,
+                count,
+                at: self.place(template, goal.vertex as usize, identity),
+            })
+            .collect();
+        let error = goal_error(template, normals, &used).clamp(*error.start(), *error.end())
             * identity.strangeness;
         let unit = 1.0 / (INDEPENDENT_AREA * error * error);
         let mut system = NormalEquations::new(n);
-        for (goal, count) in used {
+        for Used { goal, count, at } in used {
             let v = goal.vertex as usize;
-            let (x, normal) = (positions[v].coords, normals[v]);
+            let (x, normal) = (at.coords, normals[v]);
             let weight = template.areas[v] * unit * count;
             let across = (goal.weight * weight).sqrt();
             let along = across * goal.slide.sqrt();
             // The square root of W.
             let weigh = |d: Vector3| d * along + normal * (normal.dot(&d) * (across - along));
-            let residual = weigh(goal.at - positions[v]);
+            let residual = weigh(goal.at - at);
             let rows = system.rows(&residual);
             let mut put = |i: usize, d: Vector3| {
                 for axis in 0..3 {
@@ -245,14 +259,23 @@ pub(crate) fn strangeness(template: &Template<'_>, now: &Iterate<'_>, goals: &[G
     libm::pow(misfit / FAMILIAR, STRANGENESS_POWER).clamp(1.0, STRANGEST)
 }
 
+/// A goal that a fit uses.
+struct Used<'g> {
+    goal: &'g Goal,
+    /// How many it stands for.
+    count: f64,
+    /// Where its vertex is now, mm.
+    at: Point3,
+}
+
 /// Root mean squared distance of the goals an axis, mm.
-fn goal_error(template: &Template<'_>, now: &Iterate<'_>, used: &[(&Goal, f64)]) -> f64 {
+fn goal_error(template: &Template<'_>, normals: &[Vector3], used: &[Used<'_>]) -> f64 {
     let (mut square, mut total) = (0.0, 1e-9);
-    for (goal, count) in used {
+    for Used { goal, count, at } in used {
         let v = goal.vertex as usize;
         let weight = template.areas[v] * count;
-        let wrong = goal.at - now.positions[v];
-        let across = now.normals[v].dot(&wrong);
+        let wrong = goal.at - at;
+        let across = normals[v].dot(&wrong);
         let along = wrong.norm_squared() - across * across;
         square += weight * goal.weight * (goal.slide * along + across * across);
         total += weight * goal.weight * (2.0 * goal.slide + 1.0);

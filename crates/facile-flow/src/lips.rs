@@ -13,7 +13,7 @@ const TOUCHING: f64 = 1.5;
 /// Rings of fine vertices over which the correction runs out.
 const RINGS: u32 = 5;
 /// Sweeps that smooth the correction between the slit and the last ring.
-const SWEEPS: usize = 40;
+const SWEEPS: usize = 24;
 /// Sweeps of these that even out the slit's own corrections: partners across are not each other's nearest everywhere.
 const SLIT_SWEEPS: usize = 3;
 

@@ -3,14 +3,14 @@
 //! Every second row is solved exactly, as a chain of 2x2 blocks from border to border, with the rows above and below held;
 //! then the rows between. What a feature knows reaches the whole row in one sweep, and left and right are treated alike.
 //! Cells are kept by column, the rows of one colour beside each other, so that a step along the chain is one plain loop
-//! over all of them. Source: Briggs, Henson, McCormick, A multigrid tutorial, 2000, ch. 2 and 7 (zebra line relaxation).
+//! over all of them. Source: Briggs, Henson and `McCormick`, A multigrid tutorial, 2000, ch. 2 and 7 (zebra line relaxation).
 
 use facile_core::Plane;
 
 use super::Normal;
 
 /// Over-relaxation factor of the lines: between 1 and 2.
-const RELAXATION: f32 = 1.5;
+const RELAXATION: f32 = 1.7;
 
 /// The rows of one colour.
 struct Lines {

@@ -26,7 +26,7 @@ pub(crate) struct Cubes {
 }
 
 impl Cubes {
-    /// Points of `mesh`, whose vertices have unit `normals`; `scale` brings it to mm. Cost O(n + volume of the box).
+    /// Points of `mesh`, whose vertices have unit `normals`; `scale` brings it to mm. Cost O(n).
     pub(crate) fn new(mesh: &Mesh, normals: &[Vector3], scale: f64) -> Self {
         let (center, half) = robust_box(mesh, scale);
         // Whole cubes about the centre, so that a mirrored surface has the mirrored cubes.
@@ -90,11 +90,10 @@ impl Cubes {
                 .try_normalize(1e-12)
                 .unwrap_or_else(Vector3::z);
         }
-        cubes.spread();
         cubes
     }
 
-    /// The point and normal nearest to `p`, to within a cube. `None` far from the surface. Cost O(1).
+    /// The point and normal nearest to `p`, to within a cube, after [`Self::spread`]. `None` far from the surface. Cost O(1).
     pub(crate) fn nearest(&self, p: &Point3) -> Option<(Point3, Vector3)> {
         let i = self.nearest[self.cube(&p.coords)?];
         (i != NONE).then(|| (self.points[i as usize].into(), self.normals[i as usize]))
@@ -136,14 +135,11 @@ impl Cubes {
         Some(index)
     }
 
-    /// Grows the nearest points outwards, one layer of cubes at a time.
-    fn spread(&mut self) {
-        self.nearest = self.own.clone();
+    /// Finds the points that [`Self::nearest`] gives: they grow outwards, one layer of cubes at a time. Cost O(volume).
+    pub(crate) fn spread(mut self) -> Self {
+        self.nearest.clone_from(&self.own);
         let [nx, ny, nz] = self.size;
         let place = |i: usize| [i % nx, i / nx % ny, i / nx / ny];
-        let center = |low: &Vector3, [x, y, z]: [usize; 3]| {
-            low + Vector3::new(x as f64 + 0.5, y as f64 + 0.5, z as f64 + 0.5) * SIDE
-        };
         let mut front: Vec<usize> = (0..self.own.len())
             .filter(|i| self.own[*i] != NONE)
             .collect();
@@ -158,15 +154,24 @@ impl Cubes {
             for (&i, source) in front.iter().zip(sources) {
                 let at = place(i);
                 let low = at.map(|c| c.saturating_sub(1));
-                for z in low[2]..=(at[2] + 1).min(nz - 1) {
-                    for y in low[1]..=(at[1] + 1).min(ny - 1) {
-                        for x in low[0]..=(at[0] + 1).min(nx - 1) {
-                            let j = (z * ny + y) * nx + x;
-                            if self.own[j] != NONE {
-                                continue;
-                            }
-                            let from = center(&self.low, [x, y, z]);
-                            let d = (self.points[source as usize] - from).norm_squared();
+                let high = [nx, ny, nz];
+                // Squared distances of the cubes' centres from the source, axis by axis.
+                let p = self.points[source as usize];
+                let squares = [0, 1, 2].map(|k| {
+                    [0, 1, 2].map(|j| {
+                        let center = self.low[k] + ((low[k] + j) as f64 + 0.5) * SIDE;
+                        (p[k] - center) * (p[k] - center)
+                    })
+                });
+                let range = |k: usize| low[k]..(at[k] + 2).min(high[k]);
+                for z in range(2) {
+                    for y in range(1) {
+                        let row = (z * ny + y) * nx;
+                        let beside = squares[1][y - low[1]] + squares[2][z - low[2]];
+                        for x in range(0) {
+                            let j = row + x;
+                            let d = squares[0][x - low[0]] + beside;
+                            // The cubes of the surface itself are at no distance.
                             if d < square[j] {
                                 if square[j] == f64::INFINITY {
                                     next.push(j);
@@ -180,6 +185,7 @@ impl Cubes {
             }
             front = next;
         }
+        self
     }
 }
 

@@ -159,7 +159,7 @@ pub(crate) fn find_face(
     }
     let mut best: Option<Start> = None;
     for unit_mm in units {
-        let surface = Cubes::new(mesh, normals, unit_mm);
+        let surface = Cubes::new(mesh, normals, unit_mm).spread();
         for (pose, score) in search(face, &surface, params) {
             if best.is_none_or(|b| score.cost < b.score.cost) {
                 best = Some(Start {
