@@ -9,6 +9,7 @@
 use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
 
+use facile_core::simd::{Kernel, dispatch};
 use facile_core::subdivision::Stencils;
 use facile_core::{IdentityModel, Isometry3, Point3, UnitQuaternion, Vector3};
 use nalgebra::{DMatrix, DVector, Translation3};
@@ -328,21 +329,7 @@ impl NormalEquations {
         for k in self.filled..BLOCK {
             self.waiting[k].fill(0.0);
         }
-        let n = self.n;
-        for i in 0..n {
-            // Lengths that the compiler sees to be equal: no check of bounds inside the loop.
-            let [a, b, c, d, e, f] = &self.waiting;
-            let (a, b, c) = (&a[..=i], &b[..=i], &c[..=i]);
-            let (d, e, f) = (&d[..=i], &e[..=i], &f[..=i]);
-            let (p, q, r, s, t, u) = (a[i], b[i], c[i], d[i], e[i], f[i]);
-            let out = &mut self.matrix[i * n..][..=i];
-            for j in 0..=i {
-                out[j] += (a[j] * p + b[j] * q + c[j] * r) + (d[j] * s + e[j] * t + f[j] * u);
-            }
-            for (row, side) in self.waiting.iter().zip(self.sides) {
-                self.right[i] += row[i] * side;
-            }
-        }
+        dispatch(Gather(self));
         self.filled = 0;
     }
 
@@ -350,5 +337,39 @@ impl NormalEquations {
     fn finish(mut self) -> (Vec<f64>, Vec<f64>) {
         self.gather();
         (self.matrix, self.right)
+    }
+}
+
+/// The products of a full block of rows.
+struct Gather<'a>(&'a mut NormalEquations);
+
+impl Kernel for Gather<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let NormalEquations {
+            n,
+            matrix,
+            right,
+            waiting,
+            sides,
+            ..
+        } = self.0;
+        for i in 0..*n {
+            let m = i + 1;
+            // Lengths that the compiler sees to be equal: no check of bounds inside the loop.
+            let [a, b, c, d, e, f] = &*waiting;
+            let (a, b, c) = (&a[..m], &b[..m], &c[..m]);
+            let (d, e, f) = (&d[..m], &e[..m], &f[..m]);
+            let (p, q, r, s, t, u) = (a[i], b[i], c[i], d[i], e[i], f[i]);
+            let out = &mut matrix[i * *n..][..m];
+            for j in 0..m {
+                out[j] += (a[j] * p + b[j] * q + c[j] * r) + (d[j] * s + e[j] * t + f[j] * u);
+            }
+            for (row, side) in waiting.iter().zip(&*sides) {
+                right[i] += row[i] * side;
+            }
+        }
     }
 }

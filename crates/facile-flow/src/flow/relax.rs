@@ -6,6 +6,7 @@
 //! over all of them. Source: Briggs, Henson and `McCormick`, A multigrid tutorial, 2000, ch. 2 and 7 (zebra line relaxation).
 
 use facile_core::Plane;
+use facile_core::simd::{Kernel, dispatch};
 
 use super::Normal;
 
@@ -33,18 +34,38 @@ struct Lines {
 pub(super) fn relax(v: &mut Plane<[f32; 2]>, normal: &Plane<Normal>, alpha: f32, sweeps: usize) {
     let mut colours = [0, 1].map(|colour| Lines::new(v, normal, alpha, colour));
     let width = v.width();
-    for _ in 0..sweeps {
-        let [even, odd] = &mut colours;
-        // Row 2k lies between the odd rows k - 1 and k, row 2k + 1 between the even rows k and k + 1.
-        even.solve(width, odd, 0);
-        odd.solve(width, even, 1);
-    }
+    dispatch(Sweeps {
+        colours: &mut colours,
+        width,
+        count: sweeps,
+    });
     for (colour, lines) in colours.iter().enumerate() {
         let stride = lines.count + 2;
         for k in 0..lines.count {
             for (x, cell) in v.row_mut(2 * k + colour).iter_mut().enumerate() {
                 *cell = [0, 1].map(|axis| lines.v[axis][x * stride + k + 1]);
             }
+        }
+    }
+}
+
+/// Sweeps over both colours in turns.
+struct Sweeps<'a> {
+    colours: &'a mut [Lines; 2],
+    width: usize,
+    count: usize,
+}
+
+impl Kernel for Sweeps<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        for _ in 0..self.count {
+            let [even, odd] = &mut *self.colours;
+            // Row 2k lies between the odd rows k - 1 and k, row 2k + 1 between the even rows k and k + 1.
+            even.solve(self.width, odd, 0);
+            odd.solve(self.width, even, 1);
         }
     }
 }
@@ -93,6 +114,7 @@ impl Lines {
     }
 
     /// Solves every line with those of the `other` colour held; `shift` is the place of the row above among them.
+    #[inline(always)]
     fn solve(&mut self, width: usize, other: &Self, shift: usize) {
         let (n, stride, far) = (self.count, self.count + 2, other.count + 2);
         let Self {
@@ -110,11 +132,10 @@ impl Lines {
             let (gxx, gxy, gyy) = (&gxx[span.clone()], &gxy[span.clone()], &gyy[span.clone()]);
             let (fx, fy) = (&fx[span.clone()], &fy[span.clone()]);
             let (zx, zy) = (&mut zx[span.clone()], &mut zy[span]);
-            let rows = |axis: usize| {
-                let column = &other.v[axis][x * far + shift..];
-                (&column[..n], &column[1..=n])
-            };
-            let ((down_x, up_x), (down_y, up_y)) = (rows(0), rows(1));
+            let beside = x * far + shift;
+            let (down_x, up_x) = (&other.v[0][beside..][..n], &other.v[0][beside + 1..][..n]);
+            let (down_y, up_y) = (&other.v[1][beside..][..n], &other.v[1][beside + 1..][..n]);
+            let (next_x, next_y) = (&mut next_x[..n], &mut next_y[..n]);
             for k in 0..n {
                 let bx = fx[k] + down_x[k] + up_x[k] + next_x[k];
                 let by = fy[k] + down_y[k] + up_y[k] + next_y[k];
@@ -133,6 +154,7 @@ impl Lines {
             let (zx, zy) = (&zx[span.clone()], &zy[span]);
             let vx = &mut vx[x * stride + 1..][..n];
             let vy = &mut vy[x * stride + 1..][..n];
+            let (next_x, next_y) = (&mut next_x[..n], &mut next_y[..n]);
             for k in 0..n {
                 let sx = zx[k] + (gxx[k] * next_x[k] + gxy[k] * next_y[k]);
                 let sy = zy[k] + (gxy[k] * next_x[k] + gyy[k] * next_y[k]);
