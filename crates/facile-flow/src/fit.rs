@@ -81,11 +81,14 @@ pub(crate) struct Evidence {
     pub(crate) forward_backward: f64,
     /// Share of its displacement that the flow determined, `[0, 1]`.
     pub(crate) confidence: f64,
+    /// Distance between where the flow led it and where the smooth deformation put it, mm; 0 where nothing led it.
+    pub(crate) missed: f64,
 }
 
 const NO_EVIDENCE: Evidence = Evidence {
     forward_backward: f64::INFINITY,
     confidence: 0.0,
+    missed: 0.0,
 };
 
 /// A grid that covers the face.
@@ -199,6 +202,13 @@ pub(crate) fn fit_shape(
         }
         shape.cage = base.iter().zip(&displacement).map(|(b, d)| b + d).collect();
         shape.base = base;
+        if last {
+            let now = template.fine(&shape.cage);
+            for goal in goals.iter().filter(|g| !g.is_landmark) {
+                let v = goal.vertex as usize;
+                shape.evidence[v].missed = (goal.at - now[v]).norm();
+            }
+        }
     }
     scan.transform(&pose.inverse());
     face_forwards(template, scan, &mut shape);
@@ -461,6 +471,7 @@ fn follow_flow(
         shape.evidence[v] = Evidence {
             forward_backward: round_trip,
             confidence,
+            missed: 0.0,
         };
         goals.push(Goal {
             vertex: v as u32,
