@@ -1,8 +1,12 @@
 """Draws docs/registration.jpg: scans, the reference head registered to them, and both in alternate squares.
 
-Where the squares join without a step, the registered head lies on the scan. Needs NumPy, Pillow, trimesh.
+Where the squares join without a step, the registered head lies on the scan. Needs NumPy, Pillow, trimesh. The scans given
+come first, then five of the built-in subjects, faces sampled from MakeHuman. The picture in the docs is made by
 
-    python docs/build/overlays.py SCAN... [--facile target/release/facile] [-o docs/registration.jpg]
+    python bench/peers/ict_scans.py --out OUT --count 5
+    python docs/build/overlays.py SCANS/james/james.obj SCANS/fran/fran.obj OUT/scan_{0,1,2,3,4}.obj
+
+    python docs/build/overlays.py [SCAN...] [--facile target/release/facile] [-o docs/registration.jpg]
 """
 
 import argparse
@@ -16,6 +20,8 @@ import trimesh
 from PIL import Image
 
 TILE, SQUARE = 240, 24
+SUBJECTS = Path(__file__).resolve().parents[2] / "assets" / "subjects"
+SAMPLED = [SUBJECTS / f"{name}.glb" for name in ("amara", "bjorn", "emi", "greta", "kwang")]
 SCENE = """
 [image]
 size = [{tile}, {tile}]
@@ -90,12 +96,12 @@ def row(program, scan_file, folder):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("scans", type=Path, nargs="+")
+    parser.add_argument("scans", type=Path, nargs="*")
     parser.add_argument("--facile", default="target/release/facile")
     parser.add_argument("-o", "--output", type=Path, default=Path(__file__).resolve().parents[1] / "registration.jpg")
     args = parser.parse_args()
     rows = []
-    for scan in args.scans:
+    for scan in args.scans + SAMPLED:
         with tempfile.TemporaryDirectory() as folder:
             rows.append(row(args.facile, scan, Path(folder)))
     if len(rows) % 2:

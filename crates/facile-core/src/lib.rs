@@ -18,6 +18,7 @@ pub mod reference;
 pub mod reshape;
 pub mod rng;
 pub mod segment;
+pub mod simd;
 pub mod subdivision;
 pub mod subject;
 pub mod texture;

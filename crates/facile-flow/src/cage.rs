@@ -30,20 +30,22 @@ struct Pattern {
 }
 
 impl Pattern {
-    fn from_pairs(n: usize, mut pairs: Vec<(usize, usize)>) -> Self {
-        pairs.sort_unstable();
-        pairs.dedup();
-        let mut starts = vec![0; n + 1];
-        for &(column, _) in &pairs {
-            starts[column + 1] += 1;
+    fn from_pairs(n: usize, pairs: impl Iterator<Item = (usize, usize)>) -> Self {
+        let mut columns: Vec<Vec<usize>> = vec![Vec::new(); n];
+        for (column, row) in pairs {
+            // The same pairs come again and again, often in a row.
+            if columns[column].last() != Some(&row) {
+                columns[column].push(row);
+            }
         }
-        for i in 0..n {
-            starts[i + 1] += starts[i];
+        let (mut starts, mut rows) = (vec![0], Vec::new());
+        for mut column in columns {
+            column.sort_unstable();
+            column.dedup();
+            rows.extend(column);
+            starts.push(rows.len());
         }
-        Self {
-            starts,
-            rows: pairs.into_iter().map(|p| p.1).collect(),
-        }
+        Self { starts, rows }
     }
 
     /// Place of entry `(a, b)`, in either order.
@@ -113,7 +115,7 @@ impl CageFit {
             all_pairs(&mut stencils.row(i).iter().map(|e| e.0 as usize));
         }
         pairs.extend(slit.iter().map(|&(a, b)| (a.min(b), a.max(b))));
-        let pattern = Pattern::from_pairs(n, pairs);
+        let pattern = Pattern::from_pairs(n, pairs.into_iter());
         let symbolic = factor_pattern(n, &pattern)?;
         let count = pattern.rows.len();
         let (mut bending, mut stretching, mut fixed) =

@@ -186,27 +186,15 @@ fn outward(normal: Vector3, map: &RadialMap, x: usize) -> (Vector3, f64) {
 
 /// Takes the local mean over `sigma` cells out of normals and colour.
 fn remove_wide_variation(values: &mut Plane<Channels>, mask: &Plane<f32>, sigma: f64) {
+    /// A wide blur needs no more than the means of so many cells either way.
+    const STEP: usize = 4;
     if sigma <= 0.0 {
         return;
     }
-    // A wide blur needs no more than one cell in four.
-    let step = 4;
-    let (nx, ny) = (
-        values.width().div_ceil(step),
-        values.height().div_ceil(step),
-    );
-    let at = |x: usize, y: usize| {
-        (
-            (x * step).min(values.width() - 1),
-            (y * step).min(values.height() - 1),
-        )
-    };
-    let coarse = Plane::from_fn(nx, ny, |x, y| values[at(x, y)]);
-    let coarse_mask = Plane::from_fn(nx, ny, |x, y| mask[at(x, y)]);
-    let wide = masked_blur(&coarse, &coarse_mask, sigma / step as f64);
+    let wide = pooled(values, mask, STEP, sigma / STEP as f64);
     for y in 0..values.height() {
         for x in 0..values.width() {
-            let mean = bilinear(&wide, x as f32 / step as f32, y as f32 / step as f32);
+            let mean = bilinear(&wide, pooled_cell::<STEP>(x), pooled_cell::<STEP>(y));
             for (value, mean) in values[(x, y)][..6].iter_mut().zip(mean) {
                 *value -= mean;
             }
@@ -254,31 +242,48 @@ fn apply_weights(values: &mut Plane<Channels>, weights: &ChannelWeights) {
 /// Fills cells without surface with the mean of what is near, so that borders of holes make no gradients.
 fn fill_holes(values: &mut Plane<Channels>, mask: &Plane<f32>) {
     // The filling is smooth: half the cells are enough.
-    let (nx, ny) = (values.width().div_ceil(2), values.height().div_ceil(2));
-    let mut coarse = Plane::filled(nx, ny, [0.0_f32; CHANNELS]);
-    let mut weight = Plane::filled(nx, ny, 0.0_f32);
-    for y in 0..values.height() {
-        let (row, trust) = (values.row(y), mask.row(y));
-        for x in 0..values.width() {
-            let cell = &mut coarse[(x / 2, y / 2)];
-            for (c, v) in cell.iter_mut().zip(row[x]) {
-                *c += 0.25 * trust[x] * v;
-            }
-            weight[(x / 2, y / 2)] += 0.25 * trust[x];
-        }
-    }
-    let (sum, total) = (blur(&coarse, 1.5), blur(&weight, 1.5));
-    let near = Plane::from_fn(nx, ny, |x, y| {
-        let w = total[(x, y)];
-        sum[(x, y)].map(|v| if w > 1e-4 { v / w } else { 0.0 })
-    });
+    const STEP: usize = 2;
+    let near = pooled(values, mask, STEP, 1.5);
     for y in 0..values.height() {
         for x in 0..values.width() {
             if mask[(x, y)] <= 0.0 {
-                values[(x, y)] = bilinear(&near, 0.5 * x as f32 - 0.25, 0.5 * y as f32 - 0.25);
+                values[(x, y)] = bilinear(&near, pooled_cell::<STEP>(x), pooled_cell::<STEP>(y));
             }
         }
     }
+}
+
+/// Gaussian mean of the cells that `mask` lets through, over blocks of `step` x `step` cells; `sigma` in blocks. Nothing
+/// where the mask lets nothing through nearby.
+fn pooled(values: &Plane<Channels>, mask: &Plane<f32>, step: usize, sigma: f64) -> Plane<Channels> {
+    let size = (
+        values.width().div_ceil(step),
+        values.height().div_ceil(step),
+    );
+    let mut sum = Plane::filled(size.0, size.1, [0.0_f32; CHANNELS]);
+    let mut weight = Plane::filled(size.0, size.1, 0.0_f32);
+    let share = 1.0 / (step * step) as f32;
+    for y in 0..values.height() {
+        let (row, trust) = (values.row(y), mask.row(y));
+        let (sums, weights) = (sum.row_mut(y / step), weight.row_mut(y / step));
+        for x in 0..values.width() {
+            let w = share * trust[x];
+            for (c, v) in sums[x / step].iter_mut().zip(row[x]) {
+                *c += w * v;
+            }
+            weights[x / step] += w;
+        }
+    }
+    let (mut sum, total) = (blur(&sum, sigma), blur(&weight, sigma));
+    for (cell, w) in sum.as_mut_slice().iter_mut().zip(total.as_slice()) {
+        *cell = cell.map(|v| if *w > 1e-4 { v / w } else { 0.0 });
+    }
+    sum
+}
+
+/// Continuous place of a cell among blocks of `STEP` cells.
+fn pooled_cell<const STEP: usize>(x: usize) -> f32 {
+    (x as f32 + 0.5) / STEP as f32 - 0.5
 }
 
 /// Bilinear value at a continuous cell position, clamped at the border.

@@ -69,8 +69,8 @@ fn triangle_operator(
     for (n, g) in normals.iter().zip(&gradients) {
         derivative += n * g.transpose();
     }
-    let tangent = Matrix3::identity() - normal * normal.transpose();
-    let operator = tangent * derivative * tangent;
+    // The gradients lie in the plane already: only what leaves it is taken out.
+    let operator = derivative - normal * (normal.transpose() * derivative);
     Some(((operator + operator.transpose()) * 0.5, 0.5 * double_area))
 }
 

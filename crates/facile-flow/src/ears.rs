@@ -33,10 +33,10 @@ pub(crate) fn find(
     let (nx, ny) = (ear.width() as i32, ear.height() as i32);
     let block = block(ear, (MARGIN / cell_mm).round() as i32)?;
     let reach = (FURTHEST / cell_mm).round() as i32;
-    // Every second cell is enough: the channels are smooth.
+    // Every second cell is enough, the same from left and right: the channels are smooth.
     let cells: Vec<(i32, i32)> = (block.rows.0..=block.rows.1)
         .flat_map(|y| (block.columns.0..=block.columns.1).map(move |x| (x, y)))
-        .filter(|(x, y)| (x + y) % 2 == 0)
+        .filter(|(x, y)| ((*x).min(nx - 1 - x) + y) % 2 == 0)
         .filter(|&(x, y)| head.mask[(x as usize, y as usize)] > 0.0)
         .collect();
     let mut best: Option<(f64, [f64; 2])> = None;

@@ -81,11 +81,14 @@ pub(crate) struct Evidence {
     pub(crate) forward_backward: f64,
     /// Share of its displacement that the flow determined, `[0, 1]`.
     pub(crate) confidence: f64,
+    /// Distance between where the flow led it and where the smooth deformation put it, mm; 0 where nothing led it.
+    pub(crate) missed: f64,
 }
 
 const NO_EVIDENCE: Evidence = Evidence {
     forward_backward: f64::INFINITY,
     confidence: 0.0,
+    missed: 0.0,
 };
 
 /// A grid that covers the face.
@@ -121,10 +124,11 @@ pub(crate) fn fit_shape(
     for k in 0..params.nearest_rounds {
         let share = k as f64 / params.nearest_rounds as f64;
         let fine = template.fine(&shape.cage);
+        let normals = vertex_normals(&fine, &template.reference.mesh.triangles);
         let mut goals = nearest_goals(
             template,
             scan,
-            &fine,
+            (&fine, &normals),
             &mut shape.starts,
             &mut beyond,
             18.0 - 10.0 * share,
@@ -133,7 +137,7 @@ pub(crate) fn fit_shape(
         let motion = fit_identity(
             template,
             modes,
-            &mut shape,
+            (&normals, &mut shape.identity),
             &mut goals,
             NEAREST_STEPS,
             NEAREST_ERROR,
@@ -177,7 +181,11 @@ pub(crate) fn fit_shape(
         for goal in &mut goals {
             goal.at = pose.inverse() * goal.at;
         }
-        pose *= fit_identity(template, modes, &mut shape, &mut goals, 1, FLOW_ERROR);
+        // The head was turned as a whole since its normals were found.
+        let back = pose.rotation.inverse();
+        let normals: Vec<Vector3> = view.normals.iter().map(|n| back * n).collect();
+        let identity = (&normals[..], &mut shape.identity);
+        pose *= fit_identity(template, modes, identity, &mut goals, 1, FLOW_ERROR);
         let base = modes.cage(rest, &shape.identity);
         let fine = template.fine(&base);
         let targets = targets(template, &fine, &goals);
@@ -194,6 +202,13 @@ pub(crate) fn fit_shape(
         }
         shape.cage = base.iter().zip(&displacement).map(|(b, d)| b + d).collect();
         shape.base = base;
+        if last {
+            let now = template.fine(&shape.cage);
+            for goal in goals.iter().filter(|g| !g.is_landmark) {
+                let v = goal.vertex as usize;
+                shape.evidence[v].missed = (goal.at - now[v]).norm();
+            }
+        }
     }
     scan.transform(&pose.inverse());
     face_forwards(template, scan, &mut shape);
@@ -308,12 +323,11 @@ pub(crate) const NEAREST_STRIDE: u32 = 6;
 fn nearest_goals(
     template: &Template<'_>,
     scan: &WorkingScan<'_>,
-    fine: &[Point3],
+    (fine, normals): (&[Point3], &[Vector3]),
     starts: &mut [u32],
     beyond: &mut [bool],
     reach: f64,
 ) -> Vec<Goal> {
-    let normals = vertex_normals(fine, &template.reference.mesh.triangles);
     let goal = |(v, (start, beyond)): (usize, (&mut u32, &mut bool))| {
         if template.skin[v] <= 0.0 || *beyond || !template.pair[v].is_multiple_of(NEAREST_STRIDE) {
             return None;
@@ -371,28 +385,18 @@ fn anchor_goals(
 }
 
 /// Fits pose, size and modes; returns the motion of the head towards the goals, and moves these back by it, into the
-/// head's frame.
+/// head's frame. `normals`: those of the head as it is now.
 fn fit_identity(
     template: &Template<'_>,
     modes: &FineModes,
-    shape: &mut Shape,
+    (normals, identity): (&[Vector3], &mut Identity),
     goals: &mut [Goal],
     steps: usize,
     error: RangeInclusive<f64>,
 ) -> Isometry3 {
-    let normals = vertex_normals(
-        &template.fine(&shape.cage),
-        &template.reference.mesh.triangles,
-    );
     let mut whole = Isometry3::identity();
     for _ in 0..steps {
-        let cage = modes.cage(&template.reference.cage.positions, &shape.identity);
-        let positions = template.fine(&cage);
-        let now = Iterate {
-            positions: &positions,
-            normals: &normals,
-        };
-        let motion = modes.step(template, &now, goals, &error, &mut shape.identity);
+        let motion = modes.step(template, normals, goals, &error, identity);
         for goal in goals.iter_mut() {
             goal.at = motion.inverse() * goal.at;
         }
@@ -467,6 +471,7 @@ fn follow_flow(
         shape.evidence[v] = Evidence {
             forward_backward: round_trip,
             confidence,
+            missed: 0.0,
         };
         goals.push(Goal {
             vertex: v as u32,

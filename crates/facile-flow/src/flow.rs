@@ -13,6 +13,9 @@ use serde::{Deserialize, Serialize};
 use crate::blur::blur;
 use crate::channels::{CHANNELS, Channels, CylinderImage, bilinear};
 use crate::pyramid::Pyramid;
+use relax::relax;
+
+mod relax;
 
 /// How the displacement field is computed.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -28,7 +31,7 @@ pub struct FlowParams {
     pub smoothness: f64,
     /// Difference of channels beyond which a cell counts as an outlier.
     pub outlier: f64,
-    /// Relaxation sweeps per warp.
+    /// Sweeps of line relaxation per warp.
     pub sweeps: usize,
 }
 
@@ -38,9 +41,9 @@ impl Default for FlowParams {
             levels: 4,
             warps: 3,
             window_cells: 1.5,
-            smoothness: 0.2,
+            smoothness: 0.25,
             outlier: 0.3,
-            sweeps: 20,
+            sweeps: 10,
         }
     }
 }
@@ -56,9 +59,6 @@ pub struct DisplacementField {
 
 /// Sums of eq. 3 over a window: `[J_xx, J_xy, J_yy, b_x, b_y]`.
 type Normal = [f32; 5];
-
-/// Successive over-relaxation factor; between 1 and 2, fast for a few hundred cells across.
-const RELAXATION: f32 = 1.7;
 
 /// Computes the field that carries `source` onto `target`; both pyramids have the same shape.
 pub fn displacement_field(
@@ -92,7 +92,7 @@ pub(crate) fn field_down_to(
         for warp in 0..params.warps.max(1) {
             let normal = accumulate(from, &slopes, to, &v, params);
             if params.smoothness > 0.0 {
-                relax(&mut v, &normal, params);
+                relax(&mut v, &normal, params.smoothness as f32, params.sweeps);
             } else {
                 solve_alone(&mut v, &normal);
             }
@@ -242,73 +242,6 @@ fn masked_bilinear(image: &CylinderImage, x: f32, y: f32) -> (Channels, f32) {
         (sum.map(|s| s * scale), trust)
     } else {
         (sum, 0.0)
-    }
-}
-
-/// Solves the windows' systems with a membrane between neighbours, by successive over-relaxation.
-fn relax(v: &mut Plane<[f32; 2]>, normal: &Plane<Normal>, params: &FlowParams) {
-    let (nx, ny) = (v.width(), v.height());
-    let alpha = params.smoothness as f32;
-    // (J + alpha n) v = J start - b + alpha sum of neighbours, solved for v: `fixed + matrix sum`.
-    let cells = Plane::from_fn(nx, ny, |x, y| {
-        let count = [x > 0, x + 1 < nx, y > 0, y + 1 < ny]
-            .iter()
-            .filter(|b| **b)
-            .count() as f32;
-        let [jxx, jxy, jyy, bx, by] = normal[(x, y)];
-        let [sx, sy] = v[(x, y)];
-        let (axx, ayy) = (jxx + alpha * count, jyy + alpha * count);
-        let rx = jxx * sx + jxy * sy - bx;
-        let ry = jxy * sx + jyy * sy - by;
-        let inverse = 1.0 / (axx * ayy - jxy * jxy);
-        let (ixx, ixy, iyy) = (ayy * inverse, -jxy * inverse, axx * inverse);
-        [
-            ixx * rx + ixy * ry,
-            ixy * rx + iyy * ry,
-            alpha * ixx,
-            alpha * ixy,
-            alpha * iyy,
-        ]
-    });
-    let mut begun = vec![[0.0_f32; 2]; nx];
-    let beyond = vec![[0.0_f32; 2]; nx];
-    for sweep in 0..params.sweeps {
-        // Alternate the directions, so that information travels all ways equally fast.
-        let (forwards, upwards) = (sweep % 2 == 0, sweep % 4 < 2);
-        for row in 0..ny {
-            let y = if upwards { row } else { ny - 1 - row };
-            let down = if y > 0 { v.row(y - 1) } else { &beyond };
-            let up = if y + 1 < ny { v.row(y + 1) } else { &beyond };
-            let (here, cells) = (v.row(y), cells.row(y));
-            // What does not wait for the cell before.
-            for x in 0..nx {
-                let next = if forwards { x + 1 } else { x.wrapping_sub(1) };
-                let next = here.get(next).copied().unwrap_or_default();
-                let [sx, sy] = std::array::from_fn(|k| down[x][k] + up[x][k] + next[k]);
-                let [fx, fy, mxx, mxy, myy] = cells[x];
-                let solved = [fx + mxx * sx + mxy * sy, fy + mxy * sx + myy * sy];
-                begun[x] = std::array::from_fn(|k| {
-                    (1.0 - RELAXATION) * here[x][k] + RELAXATION * solved[k]
-                });
-            }
-            // The chain along the row.
-            let mut before = [0.0_f32; 2];
-            let out = v.row_mut(y);
-            let mut finish = |x: usize| {
-                let [_, _, mxx, mxy, myy] = cells[x].map(|c| RELAXATION * c);
-                let [px, py] = before;
-                before = [
-                    begun[x][0] + (mxx * px + mxy * py),
-                    begun[x][1] + (mxy * px + myy * py),
-                ];
-                out[x] = before;
-            };
-            if forwards {
-                (0..nx).for_each(&mut finish);
-            } else {
-                (0..nx).rev().for_each(&mut finish);
-            }
-        }
     }
 }
 

@@ -9,6 +9,7 @@
 use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
 
+use facile_core::simd::{Kernel, dispatch};
 use facile_core::subdivision::Stencils;
 use facile_core::{IdentityModel, Isometry3, Point3, UnitQuaternion, Vector3};
 use nalgebra::{DMatrix, DVector, Translation3};
@@ -31,13 +32,19 @@ const FAMILIAR: f64 = 0.9;
 /// The power with which strangeness grows beyond that, and the most that it grows to.
 const STRANGENESS_POWER: f64 = 16.0;
 const STRANGEST: f64 = 6.0;
+/// Modes that are opposite left and right: of the model's population they hold nine tenths of what is.
+const ODD_MODES: usize = 8;
 /// Unknowns before the coefficients: rotation, translation, logarithm of the size.
 const POSE: usize = 7;
 
-/// Displacements of the fine vertices per standard deviation of each mode.
+/// Displacements of cage and fine vertices per standard deviation of each mode.
+///
+/// The modes are those of the model's population together with its mirror images: what is the same left and right, and
+/// apart from it what is opposite. The population's own modes hold a little of both, and so bend to the one side more
+/// easily than to the other.
 pub(crate) struct FineModes {
-    /// The model, or none: then every fit gives the mean.
-    model: Option<&'static IdentityModel>,
+    /// By mode, mm; none without a model: then every fit gives the mean.
+    cage: Vec<Vec<Vector3>>,
     /// By fine vertex, by mode, mm.
     modes: Vec<Vector3>,
     count: usize,
@@ -62,23 +69,18 @@ pub(crate) struct Iterate<'a> {
 }
 
 impl FineModes {
-    /// Subdivides the modes of the cage.
-    pub(crate) fn new(model: Option<&'static IdentityModel>, stencils: &Stencils) -> Self {
-        let count = model.map_or(0, IdentityModel::len);
+    /// Subdivides the modes of the cage, whose vertices have these `mirror` images.
+    pub(crate) fn new(model: Option<&IdentityModel>, mirror: &[u32], stencils: &Stencils) -> Self {
+        let cage = model.map_or_else(Vec::new, |m| symmetric_modes(m, mirror));
+        let count = cage.len();
         let mut modes = vec![Vector3::zeros(); count * stencils.len()];
-        if let Some(m) = model {
-            for k in 0..count {
-                let fine = stencils.apply(m.cage_mode(k), Vector3::zeros());
-                for (v, d) in fine.into_iter().enumerate() {
-                    modes[v * count + k] = d;
-                }
+        for (k, mode) in cage.iter().enumerate() {
+            let fine = stencils.apply(mode, Vector3::zeros());
+            for (v, d) in fine.into_iter().enumerate() {
+                modes[v * count + k] = d;
             }
         }
-        Self {
-            model,
-            modes,
-            count,
-        }
+        Self { cage, modes, count }
     }
 
     /// The mean face at a size.
@@ -93,8 +95,7 @@ impl FineModes {
     /// The cage with modes added: `(rest + sum of modes) * size`.
     pub(crate) fn cage(&self, rest: &[Point3], identity: &Identity) -> Vec<Vector3> {
         let mut cage: Vec<Vector3> = rest.iter().map(|p| p.coords).collect();
-        for (k, a) in identity.coefficients.iter().enumerate() {
-            let mode = self.model.map_or(&[] as &[Vector3], |m| m.cage_mode(k));
+        for (mode, a) in self.cage.iter().zip(&identity.coefficients) {
             for (p, d) in cage.iter_mut().zip(mode) {
                 *p += d * *a;
             }
@@ -105,32 +106,46 @@ impl FineModes {
         cage
     }
 
+    /// Where an identity puts one fine vertex, mm.
+    fn place(&self, template: &Template<'_>, v: usize, identity: &Identity) -> Point3 {
+        let modes = &self.modes[v * self.count..(v + 1) * self.count];
+        let rest = template.reference.mesh.positions[v].coords;
+        let moved = (modes.iter().zip(&identity.coefficients)).fold(rest, |p, (m, a)| p + m * *a);
+        Point3::from(moved * identity.size)
+    }
+
     /// One step: improves `identity` and returns the rigid motion of the face that brings it nearest to the goals.
-    /// How far the goals can be believed is found from their distances, within `error` mm, times the strangeness.
+    /// `normals`: those of the face as it is now. How far the goals can be believed is found from their distances, within
+    /// `error` mm, times the strangeness.
     pub(crate) fn step(
         &self,
         template: &Template<'_>,
-        now: &Iterate<'_>,
+        normals: &[Vector3],
         goals: &[Goal],
         error: &RangeInclusive<f64>,
         identity: &mut Identity,
     ) -> Isometry3 {
         let n = POSE + self.count;
-        let used = used_goals(template, goals);
-        let Iterate { positions, normals } = *now;
-        let error = goal_error(template, now, &used).clamp(*error.start(), *error.end())
+        let used: Vec<Used<'_>> = (used_goals(template, goals).into_iter())
+            .map(|(goal, count)| Used {
+                goal,
+                count,
+                at: self.place(template, goal.vertex as usize, identity),
+            })
+            .collect();
+        let error = goal_error(template, normals, &used).clamp(*error.start(), *error.end())
             * identity.strangeness;
         let unit = 1.0 / (INDEPENDENT_AREA * error * error);
         let mut system = NormalEquations::new(n);
-        for (goal, count) in used {
+        for Used { goal, count, at } in used {
             let v = goal.vertex as usize;
-            let (x, normal) = (positions[v].coords, normals[v]);
+            let (x, normal) = (at.coords, normals[v]);
             let weight = template.areas[v] * unit * count;
             let across = (goal.weight * weight).sqrt();
             let along = across * goal.slide.sqrt();
             // The square root of W.
             let weigh = |d: Vector3| d * along + normal * (normal.dot(&d) * (across - along));
-            let residual = weigh(goal.at - positions[v]);
+            let residual = weigh(goal.at - at);
             let rows = system.rows(&residual);
             let mut put = |i: usize, d: Vector3| {
                 for axis in 0..3 {
@@ -173,6 +188,37 @@ impl FineModes {
     }
 }
 
+/// The modes of a model's population and its mirror images: the even part of each mode, and the [`ODD_MODES`] strongest
+/// principal components of the odd parts.
+fn symmetric_modes(model: &IdentityModel, mirror: &[u32]) -> Vec<Vec<Vector3>> {
+    let turned = |d: &Vector3| Vector3::new(-d.x, d.y, d.z);
+    let part = |k: usize, sign: f64| -> Vec<Vector3> {
+        let mode = model.cage_mode(k);
+        (mode.iter().zip(mirror))
+            .map(|(d, m)| (d + turned(&mode[*m as usize]) * sign) * 0.5)
+            .collect()
+    };
+    let odd: Vec<Vec<Vector3>> = (0..model.len()).map(|k| part(k, -1.0)).collect();
+    let inner = |i: usize, j: usize| -> f64 {
+        let (i, j) = (i.min(j), i.max(j));
+        odd[i].iter().zip(&odd[j]).map(|(a, b)| a.dot(b)).sum()
+    };
+    let axes = DMatrix::from_fn(odd.len(), odd.len(), inner).symmetric_eigen();
+    let mut order: Vec<usize> = (0..odd.len()).collect();
+    order.sort_by(|a, b| axes.eigenvalues[*b].total_cmp(&axes.eigenvalues[*a]));
+    let component = |axis: usize| -> Vec<Vector3> {
+        let mut sum = vec![Vector3::zeros(); mirror.len()];
+        for (mode, share) in odd.iter().zip(axes.eigenvectors.column(axis).iter()) {
+            for (s, d) in sum.iter_mut().zip(mode) {
+                *s += d * *share;
+            }
+        }
+        sum
+    };
+    let odd = order.into_iter().take(ODD_MODES).map(component);
+    (0..model.len()).map(|k| part(k, 1.0)).chain(odd).collect()
+}
+
 /// The goals that a fit uses, and how many each stands for. Landmarks come one by one and count each; of the rest
 /// one pair of mirror images stands for others, so that a mirrored scan gives the mirrored fit.
 fn used_goals<'g>(template: &Template<'_>, goals: &'g [Goal]) -> Vec<(&'g Goal, f64)> {
@@ -198,7 +244,8 @@ pub(crate) fn strangeness(template: &Template<'_>, now: &Iterate<'_>, goals: &[G
             let at = template.reference.mesh.positions[v];
             let weight = template.areas[v] * goal.weight;
             let distance = now.normals[v].dot(&(goal.at - now.positions[v]));
-            let cube = [at.x, at.y, at.z].map(|c| (c / CUBE).floor() as i32);
+            // Cubes about the origin: the middle plane divides none.
+            let cube = [at.x, at.y, at.z].map(|c| (c / CUBE).round() as i32);
             let (sum, total) = cubes.entry(cube).or_default();
             *sum += weight * distance;
             *total += weight;
@@ -213,14 +260,23 @@ pub(crate) fn strangeness(template: &Template<'_>, now: &Iterate<'_>, goals: &[G
     libm::pow(misfit / FAMILIAR, STRANGENESS_POWER).clamp(1.0, STRANGEST)
 }
 
+/// A goal that a fit uses.
+struct Used<'g> {
+    goal: &'g Goal,
+    /// How many it stands for.
+    count: f64,
+    /// Where its vertex is now, mm.
+    at: Point3,
+}
+
 /// Root mean squared distance of the goals an axis, mm.
-fn goal_error(template: &Template<'_>, now: &Iterate<'_>, used: &[(&Goal, f64)]) -> f64 {
+fn goal_error(template: &Template<'_>, normals: &[Vector3], used: &[Used<'_>]) -> f64 {
     let (mut square, mut total) = (0.0, 1e-9);
-    for (goal, count) in used {
+    for Used { goal, count, at } in used {
         let v = goal.vertex as usize;
         let weight = template.areas[v] * count;
-        let wrong = goal.at - now.positions[v];
-        let across = now.normals[v].dot(&wrong);
+        let wrong = goal.at - at;
+        let across = normals[v].dot(&wrong);
         let along = wrong.norm_squared() - across * across;
         square += weight * goal.weight * (goal.slide * along + across * across);
         total += weight * goal.weight * (2.0 * goal.slide + 1.0);
@@ -273,21 +329,7 @@ impl NormalEquations {
         for k in self.filled..BLOCK {
             self.waiting[k].fill(0.0);
         }
-        let n = self.n;
-        for i in 0..n {
-            // Lengths that the compiler sees to be equal: no check of bounds inside the loop.
-            let [a, b, c, d, e, f] = &self.waiting;
-            let (a, b, c) = (&a[..=i], &b[..=i], &c[..=i]);
-            let (d, e, f) = (&d[..=i], &e[..=i], &f[..=i]);
-            let (p, q, r, s, t, u) = (a[i], b[i], c[i], d[i], e[i], f[i]);
-            let out = &mut self.matrix[i * n..][..=i];
-            for j in 0..=i {
-                out[j] += (a[j] * p + b[j] * q + c[j] * r) + (d[j] * s + e[j] * t + f[j] * u);
-            }
-            for (row, side) in self.waiting.iter().zip(self.sides) {
-                self.right[i] += row[i] * side;
-            }
-        }
+        dispatch(Gather(self));
         self.filled = 0;
     }
 
@@ -295,5 +337,39 @@ impl NormalEquations {
     fn finish(mut self) -> (Vec<f64>, Vec<f64>) {
         self.gather();
         (self.matrix, self.right)
+    }
+}
+
+/// The products of a full block of rows.
+struct Gather<'a>(&'a mut NormalEquations);
+
+impl Kernel for Gather<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let NormalEquations {
+            n,
+            matrix,
+            right,
+            waiting,
+            sides,
+            ..
+        } = self.0;
+        for i in 0..*n {
+            let m = i + 1;
+            // Lengths that the compiler sees to be equal: no check of bounds inside the loop.
+            let [a, b, c, d, e, f] = &*waiting;
+            let (a, b, c) = (&a[..m], &b[..m], &c[..m]);
+            let (d, e, f) = (&d[..m], &e[..m], &f[..m]);
+            let (p, q, r, s, t, u) = (a[i], b[i], c[i], d[i], e[i], f[i]);
+            let out = &mut matrix[i * *n..][..m];
+            for j in 0..m {
+                out[j] += (a[j] * p + b[j] * q + c[j] * r) + (d[j] * s + e[j] * t + f[j] * u);
+            }
+            for (row, side) in waiting.iter().zip(&*sides) {
+                right[i] += row[i] * side;
+            }
+        }
     }
 }

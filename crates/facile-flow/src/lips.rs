@@ -13,7 +13,7 @@ const TOUCHING: f64 = 1.5;
 /// Rings of fine vertices over which the correction runs out.
 const RINGS: u32 = 5;
 /// Sweeps that smooth the correction between the slit and the last ring.
-const SWEEPS: usize = 20;
+const SWEEPS: usize = 24;
 /// Sweeps of these that even out the slit's own corrections: partners across are not each other's nearest everywhere.
 const SLIT_SWEEPS: usize = 3;
 
@@ -91,17 +91,22 @@ impl Slit {
             let wrong = (positions[a] - positions[b]) - (rest[a] - rest[b]) * size;
             shift[a] = -0.5 * wrong;
         }
+        // All at once from the sweep before: in turns, one side of the mouth would lead.
+        let mut next: Vec<Vector3> = vec![Vector3::zeros(); self.around.len()];
         for sweep in 0..SWEEPS {
-            for &(v, on_slit) in &self.around {
-                let neighbors = adjacency.of(v as usize);
+            for (&(v, on_slit), next) in self.around.iter().zip(&mut next) {
+                let (own, neighbors) = (shift[v as usize], adjacency.of(v as usize));
                 let sum = (neighbors.iter()).fold(Vector3::zeros(), |s, u| s + shift[*u as usize]);
                 let mean = sum / neighbors.len().max(1) as f64;
                 // The slit is evened out a little and then holds; what lies outside the last ring holds still.
-                if !on_slit {
-                    shift[v as usize] = mean;
-                } else if sweep < SLIT_SWEEPS {
-                    shift[v as usize] = shift[v as usize] * 0.8 + mean * 0.2;
-                }
+                *next = match on_slit {
+                    false => mean,
+                    true if sweep < SLIT_SWEEPS => own * 0.8 + mean * 0.2,
+                    true => own,
+                };
+            }
+            for (&(v, _), next) in self.around.iter().zip(&next) {
+                shift[v as usize] = *next;
             }
         }
         for &(v, _) in &self.around {

@@ -166,8 +166,10 @@ fn spread_offsets(template: &Template<'_>, contacts: &[Option<Contact>]) -> Vec<
             _ => 0.0,
         })
         .collect();
+    // All at once from the sweep before: in turns, what comes first on the mesh would lead.
+    let mut next = offsets.clone();
     for _ in 0..SWEEPS {
-        for v in 0..offsets.len() {
+        for (v, next) in next.iter_mut().enumerate() {
             let neighbors = template.adjacency.of(v);
             let sum: f64 = neighbors.iter().map(|u| offsets[*u as usize]).sum();
             let count = neighbors.len() as f64;
@@ -176,9 +178,10 @@ fn spread_offsets(template: &Template<'_>, contacts: &[Option<Contact>]) -> Vec<
                 _ => (0.0, FADE * count),
             };
             if count > 0.0 {
-                offsets[v] = (sum + pull * own) / (count + pull);
+                *next = (sum + pull * own) / (count + pull);
             }
         }
+        std::mem::swap(&mut offsets, &mut next);
     }
     offsets
 }

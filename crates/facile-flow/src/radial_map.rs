@@ -32,9 +32,10 @@ pub struct CylinderGrid {
 
 impl CylinderGrid {
     /// A grid over `|phi| <= phi_max` (rad) and `[h_min, h_max]` (mm) whose cells are `cell` mm squares at radius
-    /// `radius` (mm).
+    /// `radius` (mm), a little narrower where that makes the columns a multiple of eight: then each level of a pyramid
+    /// halves them, and left and right stay mirror images.
     pub fn new(phi_max: f64, h_min: f64, h_max: f64, cell: f64, radius: f64) -> Self {
-        let width = (2.0 * phi_max * radius / cell).ceil().max(1.0) as usize;
+        let width = ((2.0 * phi_max * radius / cell).ceil().max(1.0) as usize).next_multiple_of(8);
         let height = ((h_max - h_min) / cell).ceil().max(1.0) as usize;
         Self {
             width,

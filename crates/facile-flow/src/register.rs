@@ -95,7 +95,11 @@ impl<'a> Registrar<'a> {
         Ok(Self {
             template: Template::new(reference)?,
             face: FaceModel::new(reference),
-            modes: FineModes::new(model, &reference.subdivision.stencils),
+            modes: FineModes::new(
+                model,
+                &reference.cage.mirror,
+                &reference.subdivision.stencils,
+            ),
             texels: TexelMaps::new(params.texture_size),
             params,
         })

@@ -21,8 +21,8 @@ const REACH: f64 = 3.0;
 const SAME_SIDE: f64 = 0.6;
 /// Rings of fine vertices around the lids' slit that scans paint with eyeball.
 const SLIT_RINGS: u32 = 2;
-/// Sweeps that spread the tone over the mesh.
-const TONE_SWEEPS: usize = 60;
+/// Sweeps that spread the tone over the cage.
+const TONE_SWEEPS: usize = 30;
 /// Darkest linear value in ratios of colours.
 const DARK: f64 = 0.004;
 
@@ -301,33 +301,52 @@ fn tone(template: &Template<'_>, found: &[Found], allowed: &[f64]) -> (Vec<Vecto
 }
 
 /// Smooth values everywhere from values known at some vertices: the robust mean of the known ones is the start, then
-/// neighbours are averaged.
+/// neighbours on the cage are averaged, and the fine vertices take their stencils'.
 fn spread(template: &Template<'_>, values: &[Vector3], known: &[f64]) -> Vec<Vector3> {
-    let n = values.len();
-    let weight = |v: usize| known[v] * template.areas[v];
-    let total: f64 = (0..n).map(weight).sum();
+    let stencils = &template.reference.subdivision.stencils;
+    // Each cage vertex knows the mean of the fine ones that hang on it, weighted by area.
+    let mut cage = vec![(Vector3::zeros(), 0.0, 0.0); template.cage_adjacency.len()];
+    let (mut sum, mut total) = (Vector3::zeros(), 0.0);
+    for (v, value) in values.iter().enumerate() {
+        let weight = known[v] * template.areas[v];
+        sum += value * weight;
+        total += weight;
+        for &(u, w) in stencils.row(v) {
+            let (sum, seen, all) = &mut cage[u as usize];
+            *sum += value * (w * weight);
+            *seen += w * weight;
+            *all += w * template.areas[v];
+        }
+    }
     let mean = if total > 1.0 {
-        (0..n).fold(Vector3::zeros(), |s, v| s + values[v] * weight(v)) / total
+        sum / total
     } else {
         Vector3::zeros()
     };
-    let mut smooth: Vec<Vector3> = (0..n)
-        .map(|v| mean + (values[v] - mean) * known[v])
+    let own: Vec<(Vector3, f64)> = (cage.into_iter())
+        .map(|(sum, seen, all)| {
+            let value = if seen > 0.0 { sum / seen } else { mean };
+            (value, seen / f64::max(all, 1e-9))
+        })
+        .collect();
+    let mut smooth: Vec<Vector3> = (own.iter())
+        .map(|(value, known)| mean + (value - mean) * *known)
         .collect();
     for _ in 0..TONE_SWEEPS {
-        for v in 0..n {
-            let neighbors = template.adjacency.of(v);
+        for (v, (value, known)) in own.iter().enumerate() {
+            let neighbors = template.cage_adjacency.of(v);
             let sum = neighbors
                 .iter()
                 .fold(Vector3::zeros(), |s, u| s + smooth[*u as usize]);
             let count = neighbors.len() as f64;
-            let own = 0.1 * count * known[v];
+            // As far as three rings of fine vertices the own value counts as much as the neighbours'.
+            let own = 0.4 * count * known;
             // A weak pull to the mean tone: what is far from all colour gets it.
-            let rest = 0.002 * count;
+            let rest = 0.008 * count;
             if count > 0.0 {
-                smooth[v] = (sum + values[v] * own + mean * rest) / (count + own + rest);
+                smooth[v] = (sum + value * own + mean * rest) / (count + own + rest);
             }
         }
     }
-    smooth
+    stencils.apply(&smooth, Vector3::zeros())
 }

@@ -1,52 +1,13 @@
-//! One copy of a kernel for every processor, one for those with AVX2, the same bits from both.
+//! Arithmetic on lanes for the kernels that [`facile_core::simd`] runs with the widest registers of a processor.
 //!
-//! Kernels are plain Rust over small arrays of lanes; the compiler turns the lanes into registers of whatever width is
-//! allowed. AVX2 is enabled without FMA and nothing reassociates, so every operation rounds the same way on both paths.
+//! Lanes are small arrays, which the compiler turns into registers of whatever width is allowed.
 
-#![expect(
-    unsafe_code,
-    reason = "a function with a target feature can only be called so; factoring and solving take 1.7 times as long without it"
-)]
+pub(crate) use facile_core::simd::{Kernel, dispatch};
 
 /// Lanes of a kernel.
 pub(crate) const LANES: usize = 4;
 /// One number per lane.
 pub(crate) type Lanes = [f64; LANES];
-
-/// Work that may run with AVX2. `run` must be `#[inline(always)]`, or it stays compiled for the baseline.
-pub(crate) trait Kernel {
-    /// What it returns.
-    type Output;
-    /// Does the work.
-    fn run(self) -> Self::Output;
-}
-
-/// Runs a kernel with the widest registers of this processor.
-pub(crate) fn dispatch<K: Kernel>(kernel: K) -> K::Output {
-    #[cfg(target_arch = "x86_64")]
-    if std::arch::is_x86_feature_detected!("avx512f") {
-        // SAFETY: the processor has AVX-512, as just checked.
-        return unsafe { with_avx512(kernel) };
-    }
-    #[cfg(target_arch = "x86_64")]
-    if std::arch::is_x86_feature_detected!("avx2") {
-        // SAFETY: the processor has AVX2, as just checked.
-        return unsafe { with_avx2(kernel) };
-    }
-    kernel.run()
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn with_avx2<K: Kernel>(kernel: K) -> K::Output {
-    kernel.run()
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx512f")]
-fn with_avx512<K: Kernel>(kernel: K) -> K::Output {
-    kernel.run()
-}
 
 /// `f` on each lane.
 #[inline(always)]

@@ -26,12 +26,13 @@ pub(crate) struct Cubes {
 }
 
 impl Cubes {
-    /// Points of `mesh`, whose vertices have unit `normals`; `scale` brings it to mm. Cost O(n + volume of the box).
+    /// Points of `mesh`, whose vertices have unit `normals`; `scale` brings it to mm. Cost O(n).
     pub(crate) fn new(mesh: &Mesh, normals: &[Vector3], scale: f64) -> Self {
-        let (low, high) = robust_box(mesh, scale);
-        let size = [0, 1, 2].map(|k| ((high[k] - low[k]) / SIDE).floor() as usize + 1);
+        let (center, half) = robust_box(mesh, scale);
+        // Whole cubes about the centre, so that a mirrored surface has the mirrored cubes.
+        let size = [0, 1, 2].map(|k| (2.0 * half[k] / SIDE).ceil().max(1.0) as usize);
         let mut cubes = Self {
-            low,
+            low: center - Vector3::from(size.map(|n| 0.5 * SIDE * n as f64)),
             size,
             own: vec![NONE; size[0] * size[1] * size[2]],
             nearest: Vec::new(),
@@ -39,28 +40,39 @@ impl Cubes {
             normals: Vec::new(),
         };
         let mut counts: Vec<f64> = Vec::new();
+        let mut add = |p: Vector3, n: Vector3, count: f64| {
+            let Some(cube) = cubes.cube(&p) else { return };
+            if cubes.own[cube] == NONE {
+                cubes.own[cube] = cubes.points.len() as u32;
+                cubes.points.push(Vector3::zeros());
+                cubes.normals.push(Vector3::zeros());
+                counts.push(0.0);
+            }
+            let i = cubes.own[cube] as usize;
+            cubes.points[i] += p * count;
+            cubes.normals[i] += n * count;
+            counts[i] += count;
+        };
+        // Every corner of every triangle.
+        let mut corners = vec![0_u32; mesh.positions.len()];
+        for v in mesh.triangles.as_flattened() {
+            corners[*v as usize] += 1;
+        }
+        for (v, count) in corners.into_iter().enumerate().filter(|c| c.1 > 0) {
+            let p = mesh.positions[v].coords * scale;
+            add(p, normals[v], f64::from(count));
+        }
+        // Points inside large triangles, so that coarse meshes leave no gaps.
         for triangle in &mesh.triangles {
             let [a, b, c] = triangle.map(|v| mesh.positions[v as usize].coords * scale);
-            let [na, nb, nc] = triangle.map(|v| normals[v as usize]);
-            let mut add = |p: Vector3, n: Vector3| {
-                let Some(cube) = cubes.cube(&p) else { return };
-                if cubes.own[cube] == NONE {
-                    cubes.own[cube] = cubes.points.len() as u32;
-                    cubes.points.push(Vector3::zeros());
-                    cubes.normals.push(Vector3::zeros());
-                    counts.push(0.0);
-                }
-                let i = cubes.own[cube] as usize;
-                cubes.points[i] += p;
-                cubes.normals[i] += n;
-                counts[i] += 1.0;
-            };
-            for (p, n) in [(a, na), (b, nb), (c, nc)] {
-                add(p, n);
+            let longest = ((b - a).norm_squared())
+                .max((c - b).norm_squared())
+                .max((a - c).norm_squared());
+            if longest <= SIDE * SIDE {
+                continue;
             }
-            // Points inside large triangles, so that coarse meshes leave no gaps.
-            let longest = (b - a).norm().max((c - b).norm()).max((a - c).norm());
-            let steps = ((longest / SIDE).ceil() as u32).min(12);
+            let [na, nb, nc] = triangle.map(|v| normals[v as usize]);
+            let steps = ((longest.sqrt() / SIDE).ceil() as u32).min(12);
             for i in 1..steps {
                 for j in 1..=steps - i {
                     let (v, w) = (
@@ -68,7 +80,7 @@ impl Cubes {
                         f64::from(j) / f64::from(steps),
                     );
                     let u = 1.0 - v - w;
-                    add(a * u + b * v + c * w, na * u + nb * v + nc * w);
+                    add(a * u + b * v + c * w, na * u + nb * v + nc * w, 1.0);
                 }
             }
         }
@@ -78,11 +90,10 @@ impl Cubes {
                 .try_normalize(1e-12)
                 .unwrap_or_else(Vector3::z);
         }
-        cubes.spread();
         cubes
     }
 
-    /// The point and normal nearest to `p`, to within a cube. `None` far from the surface. Cost O(1).
+    /// The point and normal nearest to `p`, to within a cube, after [`Self::spread`]. `None` far from the surface. Cost O(1).
     pub(crate) fn nearest(&self, p: &Point3) -> Option<(Point3, Vector3)> {
         let i = self.nearest[self.cube(&p.coords)?];
         (i != NONE).then(|| (self.points[i as usize].into(), self.normals[i as usize]))
@@ -124,41 +135,48 @@ impl Cubes {
         Some(index)
     }
 
-    /// Grows the nearest points outwards, one layer of cubes at a time.
-    fn spread(&mut self) {
-        self.nearest = self.own.clone();
+    /// Finds the points that [`Self::nearest`] gives: they grow outwards, one layer of cubes at a time. Cost O(volume).
+    pub(crate) fn spread(mut self) -> Self {
+        self.nearest.clone_from(&self.own);
         let [nx, ny, nz] = self.size;
         let place = |i: usize| [i % nx, i / nx % ny, i / nx / ny];
-        let center = |low: &Vector3, [x, y, z]: [usize; 3]| {
-            low + Vector3::new(x as f64 + 0.5, y as f64 + 0.5, z as f64 + 0.5) * SIDE
-        };
         let mut front: Vec<usize> = (0..self.own.len())
             .filter(|i| self.own[*i] != NONE)
             .collect();
-        let mut distance: Vec<f32> = vec![f32::INFINITY; self.own.len()];
+        let mut square: Vec<f64> = vec![f64::INFINITY; self.own.len()];
         for &i in &front {
-            distance[i] = 0.0;
+            square[i] = 0.0;
         }
         for _ in 0..(REACH / SIDE).ceil() as usize {
             let mut next = Vec::new();
-            for &i in &front {
+            // As they are before this layer: no cube of it learns from another.
+            let sources: Vec<u32> = front.iter().map(|i| self.nearest[*i]).collect();
+            for (&i, source) in front.iter().zip(sources) {
                 let at = place(i);
-                let source = self.nearest[i];
                 let low = at.map(|c| c.saturating_sub(1));
-                for z in low[2]..=(at[2] + 1).min(nz - 1) {
-                    for y in low[1]..=(at[1] + 1).min(ny - 1) {
-                        for x in low[0]..=(at[0] + 1).min(nx - 1) {
-                            let j = (z * ny + y) * nx + x;
-                            if self.own[j] != NONE {
-                                continue;
-                            }
-                            let from = center(&self.low, [x, y, z]);
-                            let d = (self.points[source as usize] - from).norm() as f32;
-                            if d < distance[j] {
-                                if distance[j] == f32::INFINITY {
+                let high = [nx, ny, nz];
+                // Squared distances of the cubes' centres from the source, axis by axis.
+                let p = self.points[source as usize];
+                let squares = [0, 1, 2].map(|k| {
+                    [0, 1, 2].map(|j| {
+                        let center = self.low[k] + ((low[k] + j) as f64 + 0.5) * SIDE;
+                        (p[k] - center) * (p[k] - center)
+                    })
+                });
+                let range = |k: usize| low[k]..(at[k] + 2).min(high[k]);
+                for z in range(2) {
+                    for y in range(1) {
+                        let row = (z * ny + y) * nx;
+                        let beside = squares[1][y - low[1]] + squares[2][z - low[2]];
+                        for x in range(0) {
+                            let j = row + x;
+                            let d = squares[0][x - low[0]] + beside;
+                            // The cubes of the surface itself are at no distance.
+                            if d < square[j] {
+                                if square[j] == f64::INFINITY {
                                     next.push(j);
                                 }
-                                distance[j] = d;
+                                square[j] = d;
                                 self.nearest[j] = source;
                             }
                         }
@@ -167,13 +185,15 @@ impl Cubes {
             }
             front = next;
         }
+        self
     }
 }
 
-/// Box around the middle 98 % of the vertices along each axis and a margin, mm, cut to a fixed size about its centre.
+/// Centre and half sides of a box around the middle 98 % of the vertices along each axis and a margin, mm, cut to a
+/// fixed size.
 fn robust_box(mesh: &Mesh, scale: f64) -> (Vector3, Vector3) {
-    let mut low = Vector3::zeros();
-    let mut high = Vector3::zeros();
+    let mut center = Vector3::zeros();
+    let mut half = Vector3::zeros();
     for axis in 0..3 {
         let mut values: Vec<f64> = (mesh.triangles.iter())
             .map(|t| mesh.positions[t[0] as usize][axis] * scale)
@@ -185,9 +205,8 @@ fn robust_box(mesh: &Mesh, scale: f64) -> (Vector3, Vector3) {
         } else {
             (ranked(n / 100), ranked(n - 1 - n / 100))
         };
-        let half = (0.5 * (b - a) + REACH).min(0.5 * LARGEST_BOX);
-        low[axis] = 0.5 * (a + b) - half;
-        high[axis] = 0.5 * (a + b) + half;
+        center[axis] = 0.5 * (a + b);
+        half[axis] = (0.5 * (b - a) + REACH).min(0.5 * LARGEST_BOX);
     }
-    (low, high)
+    (center, half)
 }

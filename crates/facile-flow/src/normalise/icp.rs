@@ -147,8 +147,11 @@ pub(crate) fn refine(
         if matched.len() < 12 {
             return pose;
         }
-        matched.sort_by(|a, b| a.distance.total_cmp(&b.distance));
-        matched.truncate((matched.len() as f64 * KEPT).ceil() as usize);
+        // The nearest, in the order of the face's points.
+        let kept = (matched.len() as f64 * KEPT).ceil() as usize;
+        let mut distances: Vec<f64> = matched.iter().map(|p| p.distance).collect();
+        let limit = *distances.select_nth_unstable_by(kept - 1, f64::total_cmp).1;
+        matched.retain(|p| p.distance <= limit);
         let Some(step) = gauss_newton_step(&matched, &pose) else {
             return pose;
         };

@@ -159,7 +159,7 @@ pub(crate) fn find_face(
     }
     let mut best: Option<Start> = None;
     for unit_mm in units {
-        let surface = Cubes::new(mesh, normals, unit_mm);
+        let surface = Cubes::new(mesh, normals, unit_mm).spread();
         for (pose, score) in search(face, &surface, params) {
             if best.is_none_or(|b| score.cost < b.score.cost) {
                 best = Some(Start {
@@ -370,14 +370,20 @@ fn reference_nose(reference: &ReferenceHead) -> (Point3, Vector3) {
         .copied()
         .max_by(|a, b| a.z.total_cmp(&b.z))
         .unwrap_or_else(Point3::origin);
-    nose::tips(&Cubes::new(mesh, &mesh.vertex_normals(), 1.0), 8)
+    let (tip, normal) = nose::tips(&Cubes::new(mesh, &mesh.vertex_normals(), 1.0), 8)
         .into_iter()
         .min_by(|a, b| {
             (a.point - front)
                 .norm()
                 .total_cmp(&(b.point - front).norm())
         })
-        .map_or((front, Vector3::z()), |t| (t.point, t.normal))
+        .map_or((front, Vector3::z()), |t| (t.point, t.normal));
+    // On the middle plane of the head.
+    let normal = Vector3::new(0.0, normal.y, normal.z).try_normalize(1e-9);
+    (
+        Point3::new(0.0, tip.y, tip.z),
+        normal.unwrap_or_else(Vector3::z),
+    )
 }
 
 /// Diagonal of the box that holds the middle 96 % of the vertices along each axis, in the scan's unit.
