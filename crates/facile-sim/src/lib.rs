@@ -25,6 +25,7 @@ mod kinematics;
 mod layers;
 mod lids;
 mod load;
+mod mandible;
 mod mean;
 mod simd;
 mod skull;

@@ -13,9 +13,10 @@ use crate::SimError;
 use crate::contact::{Contacts, EyeContact, LipContact, SkullContact};
 use crate::elements::Elements;
 use crate::follow::Follow;
-use crate::kinematics::{Hinges, hinge_axis};
+use crate::kinematics::Hinges;
 use crate::layers::{Layers, area_vector};
 use crate::lids::lid_vertices;
+use crate::mandible::Mandible;
 use crate::muscle::{Bound, MuscleSet};
 use crate::params::PaperParams;
 use crate::skull::HeightField;
@@ -198,11 +199,12 @@ fn hinges(
     // In the skull's frame the subject's skull differs from the reference by its size alone.
     let size = subject.skull_from_reference.scaling();
     let scaled = |p: &Point3| Point3::from(p.coords * size);
-    let axis = hinge_axis(
+    let mandible = Mandible::new(
         &scaled(&reference.jaw.hinge_left),
         &scaled(&reference.jaw.hinge_right),
+        size,
     );
-    let (jaw_center, jaw_axis) = axis.ok_or_else(|| SimError::Subject {
+    let mandible = mandible.ok_or_else(|| SimError::Subject {
         subject: subject.id.clone(),
         reason: "both condyles of the jaw are at the same place".to_owned(),
     })?;
@@ -221,9 +223,7 @@ fn hinges(
         .map(|(w, role)| if *role == Role::Fixed { 0.0 } else { *w })
         .collect();
     Ok(Hinges {
-        jaw_center,
-        jaw_axis,
-        forward: [0.0, 0.0, 1.0],
+        mandible,
         eyes,
         jaw: reference.cage.jaw.clone(),
         lids: lid_vertices(cage, &weights, &template.margins.lids, &eyes),

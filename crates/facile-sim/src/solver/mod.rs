@@ -346,7 +346,7 @@ fn finish(load: &Load<'_>, x: &[V3], pose: &Pose, certificate: Certificate) -> E
         .iter()
         .map(|d| (head.rotation * crate::vector::to_vector(*d)).into())
         .collect();
-    let jaw = model.hinges.jaw_isometry(&pose.jaw);
+    let jaw = model.hinges.mandible.motion(&pose.jaw).isometry();
     let eye = head.rotation * eye_rotation(&pose.gaze) * head.rotation.inverse();
     Equilibrium {
         positions: model.follow.fine(&model.fine, &turned),
