@@ -247,8 +247,8 @@ fn stress_table(rig: &FaceRig, effort: Effort) -> Result<Table, Error> {
             (report.refused.len() as f64).into(),
             (report.not_finite as f64).into(),
             report.worst_penetration_mm.into(),
-            (report.with_inversions as f64).into(),
-            (report.most_inversions as f64).into(),
+            (report.inverted.len() as f64).into(),
+            (report.inverted.iter().map(|i| i.1).max().unwrap_or(0) as f64).into(),
         ]);
     }
     Ok(table)

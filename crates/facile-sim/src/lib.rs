@@ -17,6 +17,7 @@ pub mod template;
 pub mod work_precision;
 
 mod contact;
+mod depth;
 mod elements;
 mod error;
 mod follow;

@@ -119,6 +119,7 @@ impl FaceRig {
             },
             other => other,
         };
+        check_finite(subject)?;
         let template = &self.template;
         let head_from_skull = subject.skull_from_reference.isometry;
         let local: Vec<Point3> = fine
@@ -133,7 +134,11 @@ impl FaceRig {
         let mut rest = layers.skin.clone();
         rest.extend(&layers.fascia);
         let hinges = hinges(reference, subject, template, &cage)?;
-        let field = template.skull.fit(&template.triangles, &layers)?;
+        let field = template.skull.fit(&template.triangles, &layers);
+        let field = field.map_err(|_| SimError::Subject {
+            subject: subject.id.clone(),
+            reason: "no skin faces outwards, so that there is no skull below".to_owned(),
+        })?;
         let contacts = contacts(reference, template, &layers, &field, &hinges, subject);
         let bound = template
             .actuators
@@ -188,6 +193,35 @@ impl FaceModel {
             .map(|(a, b)| (names[a.muscle].name.as_str(), b.length()))
             .collect()
     }
+}
+
+/// Refuses coordinates that are not numbers, and skulls and eyes without a size.
+fn check_finite(subject: &Subject) -> Result<(), SimError> {
+    let refuse = |reason: String| SimError::Subject {
+        subject: subject.id.clone(),
+        reason,
+    };
+    let finite = |p: &Point3| p.iter().all(|c| c.is_finite());
+    if let Some(v) = subject.positions.iter().position(|p| !finite(p)) {
+        return Err(refuse(format!(
+            "the position of vertex {v} is not finite: {}",
+            subject.positions[v]
+        )));
+    }
+    for (eye, name) in subject.eyes.iter().zip(["left", "right"]) {
+        if !finite(&eye.center) || !(eye.radius > 0.0 && eye.radius.is_finite()) {
+            return Err(refuse(format!(
+                "the {name} eye has no place or size: centre {}, radius {} mm",
+                eye.center, eye.radius
+            )));
+        }
+    }
+    let skull = &subject.skull_from_reference;
+    let placed = skull.to_homogeneous().iter().all(|c| c.is_finite());
+    if !placed || skull.scaling() <= 0.0 {
+        return Err(refuse("the skull has no place or size".to_owned()));
+    }
+    Ok(())
 }
 
 fn hinges(

@@ -86,12 +86,12 @@ impl Default for SolverParams {
 }
 
 impl SolverParams {
-    /// Defaults of the paper's solver.
+    /// Defaults of the paper's solver. Twice the tolerance leaves it 0.011 mm away in surprise, along a soft mode.
     pub fn verlet() -> Self {
         Self {
             kind: SolverKind::Verlet,
-            tolerance: 2e-4,
-            max_iterations: 60_000,
+            tolerance: 1e-4,
+            max_iterations: 100_000,
             ..Self::default()
         }
     }

@@ -21,7 +21,7 @@ const MEASURE: usize = 20;
 /// Checks in which the residual has to fall by a tenth; a step near its limit can feed a swing that damping just balances.
 const PATIENCE: usize = 60;
 /// Contact counts as touching within this distance, mm.
-const TOUCH_MM: f64 = 1e-3;
+const TOUCH_MM: f64 = 1e-6;
 
 /// Moves the nodes to rest. On each step of the path before the last a few time steps are enough.
 pub(crate) fn relax(
