@@ -66,28 +66,22 @@ pub(crate) fn inside_ball(radius: f64, point: V3) -> f64 {
 mod tests {
     use super::*;
     use crate::skull::test_patch;
-    use parry3d_f64::shape::TriMesh;
 
     /// The whole field, a triangle every 0.4 mm.
-    fn drawn(field: &HeightField, offset: f64) -> TriMesh {
-        let (rows, columns) = (150u32, 200u32);
-        let mut points = Vec::new();
-        for i in 0..=rows {
-            for j in 0..=columns {
-                let (h, phi) = (f64::from(i) * 0.4 - 30.0, f64::from(j) * 0.005 - 0.5);
-                let r = field.at(h, libm::sin(0.5 * phi)).radius + offset;
-                points.push(Vector::new(r * libm::sin(phi), h, r * libm::cos(phi)));
-            }
-        }
-        let mut triangles = Vec::new();
-        for i in 0..rows {
-            for j in 0..columns {
-                let a = i * (columns + 1) + j;
-                let c = a + columns + 2;
-                triangles.extend([[a, a + 1, c], [a, c, a + columns + 1]]);
-            }
-        }
-        TriMesh::new(points, triangles).expect("triangles")
+    fn drawn(field: &HeightField, offset: f64) -> Vec<Triangle> {
+        let corner = |i: i32, j: i32| {
+            let (h, phi) = (f64::from(i) * 0.4 - 30.0, f64::from(j) * 0.005 - 0.5);
+            let r = field.at(h, libm::sin(0.5 * phi)).radius + offset;
+            Vector::new(r * libm::sin(phi), h, r * libm::cos(phi))
+        };
+        let squares = (0..150).flat_map(|i| (0..200).map(move |j| (i, j)));
+        squares
+            .flat_map(|(i, j)| {
+                let [a, b] = [corner(i, j), corner(i, j + 1)];
+                let [c, d] = [corner(i + 1, j + 1), corner(i + 1, j)];
+                [Triangle::new(a, b, c), Triangle::new(a, c, d)]
+            })
+            .collect()
     }
 
     #[test]
@@ -101,7 +95,8 @@ mod tests {
                 let depth = 0.6 * libm::sin(0.7 * t);
                 let r = field.at(h, libm::sin(0.5 * phi)).radius + offset - depth;
                 let point = [r * libm::sin(phi), h, r * libm::cos(phi)];
-                let truth = whole.distance_to_local_point(vector(point), true);
+                let away = |t: &Triangle| t.distance_to_local_point(vector(point), true);
+                let truth = whole.iter().map(away).fold(f64::INFINITY, f64::min);
                 let found = below_field(&field, offset, point);
                 if depth <= 0.0 {
                     assert!(found.abs() < 1e-12, "{found}");

@@ -11,6 +11,7 @@ pub mod model;
 pub mod muscle;
 pub mod params;
 pub mod pose;
+pub mod resolution;
 pub mod solver;
 pub mod stress;
 pub mod template;

@@ -209,7 +209,7 @@ fn check_finite(subject: &Subject) -> Result<(), SimError> {
         )));
     }
     for (eye, name) in subject.eyes.iter().zip(["left", "right"]) {
-        if !finite(&eye.center) || !(eye.radius > 0.0 && eye.radius.is_finite()) {
+        if !(finite(&eye.center) && eye.radius > 0.0 && eye.radius.is_finite()) {
             return Err(refuse(format!(
                 "the {name} eye has no place or size: centre {}, radius {} mm",
                 eye.center, eye.radius
@@ -265,8 +265,8 @@ fn hinges(
 }
 
 /// Stiffness of the zero-length springs between attached fascia and skull: Table 1's stiffness for each node of the
-/// paper's mesh, times the share of such a node's area that a node here stands for, where it is larger. Without it a
-/// coarse chin hangs on too few springs to follow the jaw.
+/// paper's mesh, times the share of such a node's area that a node here stands for. Without it a coarse chin hangs on too
+/// few springs to follow the jaw. Smaller nodes count as one of the paper's, or as the mean on a mesh that is finer.
 fn attachments(template: &Template, params: &PaperParams, rest: &[V3]) -> Vec<f64> {
     let mut area = vec![0.0; template.node_count()];
     for t in &template.triangles {
@@ -275,13 +275,15 @@ fn attachments(template: &Template, params: &PaperParams, rest: &[V3]) -> Vec<f6
             area[i as usize] += size / 3.0;
         }
     }
+    let mean = area.iter().sum::<f64>() / area.len().max(1) as f64;
+    let least = mean.min(PAPER_NODE_AREA_MM2);
     template
         .attached
         .iter()
         .zip(&template.ligament)
         .zip(&area)
         .map(|((&a, ligament), size)| {
-            let nodes = (size / PAPER_NODE_AREA_MM2).max(1.0);
+            let nodes = size.max(least) / PAPER_NODE_AREA_MM2;
             let share = if a { nodes } else { 0.0 };
             params.fascia_skull_stiffness * (share + ligament)
         })
