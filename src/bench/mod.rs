@@ -9,6 +9,7 @@ use crate::Error;
 mod curve;
 mod engine;
 mod flow;
+mod resolution;
 mod sim;
 mod table;
 mod trace;
@@ -61,6 +62,9 @@ pub struct Plot {
     pub curves: Vec<Curve>,
 }
 
+/// Plots by the name of their file.
+type Plots = Vec<(&'static str, Plot)>;
+
 impl Findings {
     /// Writes `NAME.csv` and `NAME.svg` into a folder, which is made if need be.
     ///
@@ -79,6 +83,13 @@ impl Findings {
         }
         Ok(())
     }
+}
+
+/// Milliseconds of wall time that `work` takes, and what it gives.
+fn clock<T>(work: impl FnOnce() -> T) -> (f64, T) {
+    let start = std::time::Instant::now();
+    let done = work();
+    (1e3 * start.elapsed().as_secs_f64(), done)
 }
 
 /// The middle value of some times.

@@ -9,12 +9,11 @@ use facile_sim::{
     SolverParams, mean_subject,
 };
 
-use super::{Axis, Curve, Effort, Findings, Plot, Table};
+use super::{Axis, Curve, Effort, Findings, Plot, Plots, Table};
 use crate::Error;
 
-/// Name and intensity of the poses, a mild and a strong one, and the name of their plots.
-const POSES: [(&str, f64, &str); 2] =
-    [("smile", 0.33, "sim_mild"), ("surprise", 1.0, "sim_strong")];
+/// Contraction of every muscle in the extreme pose, and opening of its jaw, rad.
+const EXTREME: (f64, f64) = (0.85, 0.436);
 const SOLVERS: [(SolverKind, &str); 3] = [
     (SolverKind::QuasiStatic, "quasi_static"),
     (SolverKind::Fire, "fire"),
@@ -32,7 +31,7 @@ pub fn sim(effort: Effort) -> Result<Findings, Error> {
     let subject = IdentityModel::embedded().sample(reference, 7, 0)?;
     let model = rig.model(reference, &subject)?;
     let solvers = effort.of(&SOLVERS[..1], &SOLVERS[..]);
-    let tolerances = effort.of(&[1e-2, 1e-4][..], &[1e-1, 1e-2, 1e-3, 1e-4, 1e-5][..]);
+    let tolerances = effort.of(&[1e-2, 1e-4][..], &[1e-1, 1e-2, 1e-3, 1e-4][..]);
     let mut table = Table::new(&[
         "pose",
         "solver",
@@ -43,18 +42,26 @@ pub fn sim(effort: Effort) -> Result<Findings, Error> {
         "error_mm",
     ]);
     let mut plots = Vec::new();
-    for (pose_name, intensity, file) in POSES {
-        let pose = ExpressionSet::embedded()
-            .get(pose_name)?
-            .pose(muscles)?
-            .scaled(intensity);
+    let (mild, strong) = (expression("smile")?.scaled(0.33), expression("surprise")?);
+    let mut poses = vec![
+        ("smile 0.33", mild, "sim_mild"),
+        ("surprise 1", strong, "sim_strong"),
+    ];
+    if effort == Effort::Full {
+        poses.push((
+            "every muscle 0.85, jaw 25",
+            extreme(muscles)?,
+            "sim_extreme",
+        ));
+    }
+    for (pose_name, pose, file) in &poses {
         let kinds: Vec<SolverKind> = solvers.iter().map(|s| s.0).collect();
-        let rows = work_precision(&model, &pose, &kinds, tolerances, effort.of(1, 3))?;
+        let rows = work_precision(&model, pose, &kinds, tolerances, effort.of(1, 3))?;
         let mut curves: Vec<Curve> = Vec::new();
         for row in &rows {
             let name = curve_name(row);
             table.push(vec![
-                format!("{pose_name} {intensity}").into(),
+                (*pose_name).into(),
                 name.0.into(),
                 name.1.into(),
                 row.tolerance.into(),
@@ -73,37 +80,59 @@ pub fn sim(effort: Effort) -> Result<Findings, Error> {
             }
         }
         plots.push((
-            file,
+            *file,
             Plot {
-                title: format!(
-                    "{pose_name} at {intensity}: largest distance of a node from the equilibrium"
-                ),
+                title: format!("{pose_name}: largest distance of a node from the equilibrium"),
                 x: Axis::logarithmic("time, ms"),
                 y: Axis::logarithmic("error, mm"),
                 curves,
             },
         ));
     }
+    let (path, path_plot) = path_table(&model, effort)?;
+    let (stability, stability_plots) = stability_table(&rig, effort)?;
+    let of_resolution: Vec<(String, Pose)> = poses
+        .iter()
+        .take(2)
+        .map(|(name, pose, _)| ((*name).to_owned(), pose.clone()))
+        .collect();
+    let (resolution, resolution_plots) = super::resolution::resolution(&of_resolution, effort)?;
+    plots.push(("sim_path", path_plot));
+    plots.extend(stability_plots);
+    plots.extend(resolution_plots);
     Ok(Findings {
         tables: vec![
             ("sim_work_precision", table),
-            ("sim_path", path_table(&model, effort)?),
-            ("sim_stability", stability_table(&rig, effort)?),
+            ("sim_path", path),
+            ("sim_stability", stability),
+            ("sim_resolution", resolution),
             ("sim_stress", stress_table(&rig, effort)?),
         ],
         plots,
     })
 }
 
+/// Every muscle contracted at once.
+fn extreme(muscles: &MuscleSet) -> Result<Pose, Error> {
+    let mut pose = Pose::default();
+    for muscle in muscles.muscles() {
+        pose.set(muscles, &muscle.name, EXTREME.0)?;
+    }
+    pose.jaw.open_rad = EXTREME.1;
+    Ok(pose)
+}
+
 /// The default solver on longer and shorter steps of the path: does the path matter?
-fn path_table(model: &FaceModel, effort: Effort) -> Result<Table, Error> {
+fn path_table(model: &FaceModel, effort: Effort) -> Result<(Table, Plot), Error> {
     let mut table = Table::new(&["pose", "step", "ms", "iterations", "error_mm"]);
     let names = effort.of(
         &["smile"][..],
         &["smile", "anger", "surprise", "kiss", "wink"][..],
     );
+    let mut curves = Vec::new();
     for name in names {
         let pose = expression(name)?;
+        let mut points = Vec::new();
         let at = |step: f64, tolerance: f64| SolverParams {
             continuation_step: step,
             tolerance,
@@ -120,9 +149,20 @@ fn path_table(model: &FaceModel, effort: Effort) -> Result<Table, Error> {
                 (found.iterations as f64).into(),
                 found.error_mm.into(),
             ]);
+            points.push((1.0 / step, found.error_mm));
         }
+        curves.push(Curve {
+            name: (*name).to_owned(),
+            points,
+        });
     }
-    Ok(table)
+    let plot = Plot {
+        title: "distance from the path of 20 steps".to_owned(),
+        x: Axis::logarithmic("steps of the path for a full contraction"),
+        y: Axis::logarithmic("largest distance of a node, mm"),
+        curves,
+    };
+    Ok((table, plot))
 }
 
 fn expression(name: &str) -> Result<Pose, Error> {
@@ -131,10 +171,10 @@ fn expression(name: &str) -> Result<Pose, Error> {
         .pose(MuscleSet::embedded())?)
 }
 
-/// Where the solvers find rest: all stiffness scaled, tissue thinner and thicker, the damping of Verlet. `distance_mm`: from
+/// Where the solvers find rest: all stiffness scaled, tissue thinner and thicker, damping and time step of Verlet. `distance_mm`: from
 /// the default's equilibrium of the usual face, which neither stiffness nor damping may change; for another thickness from
 /// that face's own converged equilibrium.
-fn stability_table(rig: &FaceRig, effort: Effort) -> Result<Table, Error> {
+fn stability_table(rig: &FaceRig, effort: Effort) -> Result<(Table, Plots), Error> {
     let mut table = Table::new(&[
         "setting",
         "value",
@@ -144,7 +184,20 @@ fn stability_table(rig: &FaceRig, effort: Effort) -> Result<Table, Error> {
         "distance_mm",
         "inverted_prisms",
     ]);
-    let mut push = |setting: &str, kind: SolverKind, found: Outcome| {
+    let mut curves: [Vec<Curve>; 2] = Default::default();
+    let mut push = |setting: &str, usual: f64, kind: SolverKind, found: Outcome| {
+        // A solve that failed has no place on the map.
+        let iterations = found.iterations as f64 + 0.0 * found.error_mm;
+        for (curves, y) in curves.iter_mut().zip([found.error_mm, iterations]) {
+            let point = (found.value / usual, y);
+            match curves.iter_mut().find(|c| c.name == setting) {
+                Some(curve) => curve.points.push(point),
+                None => curves.push(Curve {
+                    name: setting.to_owned(),
+                    points: vec![point],
+                }),
+            }
+        }
         table.push(vec![
             setting.into(),
             found.value.into(),
@@ -167,7 +220,7 @@ fn stability_table(rig: &FaceRig, effort: Effort) -> Result<Table, Error> {
         let model = rig.model_with(reference, &subject, scaled(*value))?;
         let params = SolverParams::default();
         let found = outcome(&model, &pose, &params, *value, Some(&usual));
-        push("stiffness", params.kind, found);
+        push("stiffness", 1.0, params.kind, found);
     }
     for value in effort.of(&[1.0][..], &[1.0, 2.0, 3.0, 5.0, 8.0, 12.0][..]) {
         let mut other = reference.clone();
@@ -187,8 +240,12 @@ fn stability_table(rig: &FaceRig, effort: Effort) -> Result<Table, Error> {
         if truth.is_none() {
             found.error_mm = f64::NAN;
         }
-        push("thickness_mm", params.kind, found);
+        push("thickness_mm", 5.0, params.kind, found);
     }
+    // Verlet's own settings, on an expression that it solves in seconds.
+    let pose = expression("anger")?;
+    let model = rig.model(reference, &subject)?;
+    let usual = Solver::new().solve(&model, &pose, &SolverParams::default())?;
     for value in effort.of(&[][..], &[2.5, 5.0, 12.5, 25.0, 50.0, 100.0][..]) {
         let params = PaperParams {
             damping: *value,
@@ -197,9 +254,37 @@ fn stability_table(rig: &FaceRig, effort: Effort) -> Result<Table, Error> {
         let model = rig.model_with(reference, &subject, params)?;
         let params = SolverParams::verlet();
         let found = outcome(&model, &pose, &params, *value, Some(&usual));
-        push("damping", params.kind, found);
+        push("damping", 25.0, params.kind, found);
     }
-    Ok(table)
+    for value in effort.of(&[][..], &[0.1, 0.3, 0.6, 0.9, 1.1, 1.5, 3.0][..]) {
+        let params = SolverParams {
+            time_step: *value,
+            ..SolverParams::verlet()
+        };
+        let found = outcome(&model, &pose, &params, *value, Some(&usual));
+        push("time_step", 0.9, params.kind, found);
+    }
+    Ok((table, stability_plots(curves)))
+}
+
+fn stability_plots([distance, cost]: [Vec<Curve>; 2]) -> Plots {
+    let plot = |title: &str, y: &str, curves| Plot {
+        title: title.to_owned(),
+        x: Axis::logarithmic("value over the usual one"),
+        y: Axis::logarithmic(y),
+        curves,
+    };
+    let far = "largest distance of a node, mm";
+    vec![
+        (
+            "sim_stability",
+            plot("distance from the equilibrium", far, distance),
+        ),
+        (
+            "sim_stability_cost",
+            plot("iterations, or time steps of Verlet", "iterations", cost),
+        ),
+    ]
 }
 
 /// Table 1 with all stiffness times `factor`.
@@ -247,8 +332,8 @@ fn stress_table(rig: &FaceRig, effort: Effort) -> Result<Table, Error> {
             (report.refused.len() as f64).into(),
             (report.not_finite as f64).into(),
             report.worst_penetration_mm.into(),
-            (report.with_inversions as f64).into(),
-            (report.most_inversions as f64).into(),
+            (report.inverted.len() as f64).into(),
+            (report.inverted.iter().map(|i| i.1).max().unwrap_or(0) as f64).into(),
         ]);
     }
     Ok(table)

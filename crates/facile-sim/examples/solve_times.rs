@@ -1,9 +1,9 @@
 //! Time, iterations and certificate of every built-in expression on the mean head and on sampled identities.
 //!
 //! `cargo run --release --example solve_times -- [--identities N] [--seed S] [--solver KIND] [--compare] [--repeat R]
-//! [--random COUNT] [--nodes DIR] [--moderate] [--muscles FILE] [--expressions FILE] [names]`, names being expressions, `MUSCLE=C` or `jaw=DEGREES`
+//! [--ladder RUNGS] [--random COUNT] [--nodes DIR] [--moderate] [--muscles FILE] [--expressions FILE] [names]`, names being expressions, `MUSCLE=C` or `jaw=DEGREES`
 //!
-//! `--compare` solves with the default as well and prints the largest distance between nodes; `--nodes` writes the nodes
+//! `--ladder` climbs to each pose over so many intensities, and solves each of them on its own. `--compare` solves with the default as well and prints the largest distance between nodes; `--nodes` writes the nodes
 //! to one file a solve, mm, for comparison with another version of the solver.
 
 use std::error::Error;
@@ -16,8 +16,8 @@ use facile_core::{Point3, ReferenceHead, Subject, Vector3};
 use facile_sim::stress::stress;
 use facile_sim::work_precision::largest_distance;
 use facile_sim::{
-    Equilibrium, ExpressionSet, FaceRig, MuscleSet, Pose, Solver, SolverKind, SolverParams,
-    mean_subject,
+    Equilibrium, ExpressionSet, FaceModel, FaceRig, MuscleSet, Pose, Solver, SolverKind,
+    SolverParams, mean_subject,
 };
 
 struct Options {
@@ -25,6 +25,7 @@ struct Options {
     seed: u64,
     repeat: u64,
     compare: bool,
+    ladder: Option<usize>,
     random: Option<usize>,
     moderate: bool,
     nodes: Option<PathBuf>,
@@ -40,6 +41,7 @@ fn options() -> Result<Options, Box<dyn Error>> {
         seed: 7,
         repeat: 1,
         compare: false,
+        ladder: None,
         random: None,
         moderate: false,
         nodes: None,
@@ -56,6 +58,7 @@ fn options() -> Result<Options, Box<dyn Error>> {
             "--seed" => o.seed = value()?.parse()?,
             "--repeat" => o.repeat = value()?.parse()?,
             "--compare" => o.compare = true,
+            "--ladder" => o.ladder = Some(value()?.parse()?),
             "--random" => o.random = Some(value()?.parse()?),
             "--nodes" => o.nodes = Some(value()?.into()),
             "--moderate" => o.moderate = true,
@@ -125,6 +128,10 @@ fn main() -> Result<(), Box<dyn Error>> {
         let model = rig.model(reference, subject)?;
         eprintln!("{}: model {:.1} ms", subject.id, ms(start));
         for (name, pose) in &poses {
+            if let Some(rungs) = o.ladder {
+                climb(&mut solver, &model, name, pose, rungs, &o.params)?;
+                continue;
+            }
             let mut times = Vec::new();
             let mut result = Err("no repeats".to_owned());
             for _ in 0..o.repeat {
@@ -168,6 +175,43 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
     }
     eprintln!("{failed} failed");
+    Ok(())
+}
+
+/// Solves a pose at `rungs` intensities up to 1, one after the other and each on its own.
+fn climb(
+    solver: &mut Solver,
+    model: &FaceModel,
+    name: &str,
+    pose: &Pose,
+    rungs: usize,
+    params: &SolverParams,
+) -> Result<(), Box<dyn Error>> {
+    if pose.is_neutral() {
+        return Ok(());
+    }
+    let intensities: Vec<f64> = (1..=rungs).map(|k| k as f64 / rungs as f64).collect();
+    let start = Instant::now();
+    let climbed = solver.solve_ladder(model, pose, &intensities, params);
+    let warm = ms(start);
+    let start = Instant::now();
+    let mut farthest = 0.0f64;
+    let mut iterations = [0, 0];
+    for (intensity, climbed) in intensities.iter().zip(climbed) {
+        let (climbed, alone) = (
+            climbed?,
+            solver.solve(model, &pose.scaled(*intensity), params)?,
+        );
+        farthest = farthest.max(largest_distance(&climbed, &alone));
+        iterations[0] += climbed.certificate.iterations;
+        iterations[1] += alone.certificate.iterations;
+    }
+    let cold = ms(start);
+    let [up, alone] = iterations;
+    eprintln!(
+        "  {name:12} {rungs} intensities: {warm:.0} ms, {up} iterations climbed, {cold:.0} ms, {alone} on their own, \
+         {farthest:.5} mm apart"
+    );
     Ok(())
 }
 

@@ -6,6 +6,7 @@
 //! place at rest, so that a face at rest is free of contact force. Lips are flesh on flesh: they press on each other with
 //! an energy of their overlap.
 
+use crate::depth;
 use crate::kinematics::Rigid;
 use crate::skull::HeightField;
 use crate::vector::{V3, add_scaled, dot, norm, rotate, rotate_back, scale, sub, unit};
@@ -76,6 +77,11 @@ impl Clearance {
         let way = sub(x, at);
         gap > 0.0 && STEEPEST * STEEPEST * dot(way, way) < gap * gap
     }
+}
+
+/// The larger of two depths; one that is not a number wins.
+fn worse(a: f64, b: f64) -> f64 {
+    if b.is_nan() { b } else { a.max(b) }
 }
 
 /// Contacts in a pose.
@@ -175,11 +181,18 @@ impl PosedContacts<'_> {
             .fold(0.0, f64::max)
     }
 
-    /// Largest penetration, mm.
+    /// Largest penetration, mm: exact distances from the surfaces.
     pub(crate) fn penetration(&self, x: &[V3]) -> f64 {
-        (0..self.len())
-            .map(|c| -self.gap(c, x).value)
-            .fold(0.0, f64::max)
+        let skull = self.contacts.skull.iter().zip(&self.frames);
+        let skull = skull.map(|(s, frame)| {
+            let local = rotate_back(&frame.rotation, sub(x[s.node as usize], frame.translation));
+            depth::below_field(self.field, s.offset, local)
+        });
+        let eyes = self.contacts.eyes.iter().map(|s| {
+            let away = sub(x[s.node as usize], self.eyes[s.eye as usize]);
+            depth::inside_ball(s.distance, away)
+        });
+        skull.chain(eyes).fold(0.0, worse)
     }
 
     /// The node of a contact with skull or eyeball.

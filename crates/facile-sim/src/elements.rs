@@ -20,7 +20,7 @@ const SLIVER_SHARE: f64 = 0.01;
 const SQUEEZED_SHARE: f64 = 0.2;
 /// How much: the energy `kappa / 2 (V - V_0)^2` grows by `SQUEEZE kappa / (3 V_0) (share V_0 - V)^3`. A prism that is
 /// squeezed to nothing is 2,000 times as stiff as at rest. With 60 below a share of 0.4, up to 14 prisms of a built-in
-/// expression turned inside out, and solutions split there.
+/// expression turned inside out, and solutions split there. The volume counts as that of a sliver at least.
 const SQUEEZE: f64 = 5_000.0;
 
 /// Prisms at rest.
@@ -123,7 +123,7 @@ impl Elements {
             .map(|a| 3.0 * params.volume_stiffness / a.max(floor))
             .collect();
         let size = out.volume.iter().map(|v| v.abs()).sum::<f64>() / areas.len().max(1) as f64;
-        let floor = (MIN_AREA_SHARE * size).max(1e-9);
+        let floor = (SLIVER_SHARE * size).max(1e-9);
         out.groups = vec![PrismGroup::default(); out.nodes.len().div_ceil(LANES)];
         for (e, nodes) in out.nodes.iter().enumerate() {
             let (kappa, volume) = (out.kappa[e], out.volume[e]);

@@ -166,3 +166,56 @@ impl Kernel for Prisms<'_> {
         0.5 * total(shape) + total(volume)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::load::Load;
+    use crate::simd::dispatch;
+    use crate::{FaceModel, MuscleSet, Pose, mean_subject};
+    use facile_core::ReferenceHead;
+
+    #[test]
+    fn wide_registers_give_the_bits_of_plain_code() {
+        let reference = ReferenceHead::embedded();
+        let muscles = MuscleSet::embedded();
+        let model = FaceModel::new(reference, muscles, &mean_subject(reference)).expect("built");
+        let mut pose = Pose::default();
+        pose.set(muscles, "zygomatic_major", 0.8).expect("known");
+        pose.jaw.open_rad = 0.2;
+        let load = Load::new(&model, &pose).expect("valid");
+        let x = &load.carried;
+        let mut sums = [[0.0; 2]; 2];
+        let mut gradients = [vec![[0.0; 3]; x.len()], vec![[0.0; 3]; x.len()]];
+        for (is_wide, (sum, gradient)) in sums.iter_mut().zip(&mut gradients).enumerate() {
+            let springs = EdgeSprings {
+                edges: &model.template.edges,
+                stiffness: &load.stiffness,
+                rest_length: &load.rest_length,
+                x,
+                gradient,
+            };
+            sum[0] = if is_wide == 1 {
+                dispatch(springs)
+            } else {
+                springs.run()
+            };
+            let prisms = Prisms {
+                groups: &model.elements.groups,
+                offsets: &load.offsets,
+                x,
+                gradient,
+            };
+            sum[1] = if is_wide == 1 {
+                dispatch(prisms)
+            } else {
+                prisms.run()
+            };
+        }
+        assert!(sums[0][0] > 0.0 && sums[0][1] > 0.0);
+        assert_eq!(sums[0].map(f64::to_bits), sums[1].map(f64::to_bits));
+        let bits =
+            |g: &[V3]| -> Vec<u64> { g.as_flattened().iter().map(|v| v.to_bits()).collect() };
+        assert_eq!(bits(&gradients[0]), bits(&gradients[1]));
+    }
+}

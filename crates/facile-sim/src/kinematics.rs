@@ -1,17 +1,18 @@
-//! What moves rigidly: the jaw on its hinge, the eyeballs, the tarsal plates.
+//! What moves rigidly: the jaw (see `mandible`), the eyeballs, the tarsal plates.
 //!
 //! Every cage vertex has a rigid motion: that of the jaw times its jaw weight (the cut between jaw and skull is a band
-//! over which the rotation angle blends), and that of its lid. It carries the skull's attachment points and the frame of
+//! over which angles and shift blend), and that of its lid. It carries the skull's attachment points and the frame of
 //! contact, moves fascia and skin along before the solver starts (section 4.3.2), and turns the rest offsets of eq. 12,
 //! without which that term would fight the jaw.
 
 use std::collections::BTreeMap;
 
-use facile_core::{Isometry3, Point3, UnitQuaternion, Vector3};
+use facile_core::UnitQuaternion;
 
 use crate::lids::{LidPose, LidVertex};
+use crate::mandible::{JawMotion, Mandible};
 use crate::pose::{Gaze, JawPose};
-use crate::vector::{IDENTITY, M3, V3, ZERO, add, cross, dot, rotate, scale, sub};
+use crate::vector::{IDENTITY, M3, V3, ZERO, add, cross, rotate, sub};
 
 /// A rotation followed by a translation.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,7 +37,11 @@ impl Rigid {
             let turned = cross(e, axis);
             [0, 1, 2].map(|j| c * e[j] + (1.0 - c) * axis[k] * axis[j] + s * turned[j])
         };
-        let rotation = [row(0), row(1), row(2)];
+        Self::turning(center, [row(0), row(1), row(2)], shift)
+    }
+
+    /// A rotation about a point, then `shift`.
+    pub(crate) fn turning(center: V3, rotation: M3, shift: V3) -> Self {
         let translation = add(sub(center, rotate(&rotation, center)), shift);
         Self {
             rotation,
@@ -49,15 +54,10 @@ impl Rigid {
     }
 }
 
-/// The hinge of the jaw and the axes of the eyes of a subject.
+/// The jaw, the axes of the eyes, and what follows them.
 #[derive(Clone, Debug)]
 pub(crate) struct Hinges {
-    /// A point on the jaw's axis, mm.
-    pub(crate) jaw_center: V3,
-    /// Unit vector along the jaw's axis, towards the left.
-    pub(crate) jaw_axis: V3,
-    /// Forward direction of the skull: that of protrusion.
-    pub(crate) forward: V3,
+    pub(crate) mandible: Mandible,
     /// Centres of the eyeballs, mm.
     pub(crate) eyes: [V3; 2],
     /// Jaw weight of each cage vertex.
@@ -70,7 +70,8 @@ pub(crate) struct Hinges {
 #[derive(Debug)]
 pub(crate) struct Motion<'a> {
     hinges: &'a Hinges,
-    jaw: JawPose,
+    /// `None` at rest.
+    jaw: Option<JawMotion<'a>>,
     lids: [LidPose; 2],
 }
 
@@ -78,30 +79,9 @@ impl Hinges {
     pub(crate) fn motion(&self, jaw: JawPose, lids: [LidPose; 2]) -> Motion<'_> {
         Motion {
             hinges: self,
-            jaw,
+            jaw: (jaw != JawPose::default()).then(|| self.mandible.motion(&jaw)),
             lids,
         }
-    }
-
-    /// The jaw's motion: what lower teeth and tongue follow.
-    pub(crate) fn jaw_isometry(&self, jaw: &JawPose) -> Isometry3 {
-        let rigid = self.jaw(jaw, 1.0);
-        let half = 0.5 * jaw.open_rad;
-        let axis = scale(self.jaw_axis, libm::sin(half));
-        let turn = nalgebra::Quaternion::new(libm::cos(half), axis[0], axis[1], axis[2]);
-        let t = rigid.translation;
-        Isometry3::from_parts(
-            Vector3::new(t[0], t[1], t[2]).into(),
-            UnitQuaternion::from_quaternion(turn),
-        )
-    }
-
-    fn jaw(&self, jaw: &JawPose, weight: f64) -> Rigid {
-        let shift = add(
-            scale(self.forward, jaw.protrusion_mm * weight),
-            scale(self.jaw_axis, jaw.lateral_mm * weight),
-        );
-        Rigid::about(self.jaw_center, self.jaw_axis, jaw.open_rad * weight, shift)
     }
 }
 
@@ -135,10 +115,10 @@ impl Motion<'_> {
             // Turning about +x lowers what looks along +z.
             return Rigid::about(self.hinges.eyes[eye], [1.0, 0.0, 0.0], -rise, ZERO);
         }
-        if jaw_weight == 0.0 || self.jaw == JawPose::default() {
-            return Rigid::IDENTITY;
+        match &self.jaw {
+            Some(jaw) if jaw_weight != 0.0 => jaw.of(jaw_weight),
+            _ => Rigid::IDENTITY,
         }
-        self.hinges.jaw(&self.jaw, jaw_weight)
     }
 }
 
@@ -151,62 +131,41 @@ pub(crate) fn eye_rotation(gaze: &Gaze) -> UnitQuaternion {
     UnitQuaternion::from_quaternion(yaw * pitch)
 }
 
-/// The jaw's axis through both condyles: its middle and its unit direction, or `None` if they coincide.
-pub(crate) fn hinge_axis(left: &Point3, right: &Point3) -> Option<(V3, V3)> {
-    let (l, r) = ([left.x, left.y, left.z], [right.x, right.y, right.z]);
-    let along = sub(l, r);
-    let length = dot(along, along).sqrt();
-    (length > 1e-6).then(|| (scale(add(l, r), 0.5), scale(along, 1.0 / length)))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use approx::assert_relative_eq;
+    use facile_core::{Point3, Vector3};
 
-    fn hinges() -> Hinges {
-        Hinges {
-            jaw_center: [0.0, -20.0, 0.0],
-            jaw_axis: [1.0, 0.0, 0.0],
-            forward: [0.0, 0.0, 1.0],
+    #[test]
+    fn what_lies_over_the_cut_turns_by_a_part() {
+        let (left, right) = (
+            Point3::new(50.0, -20.0, 0.0),
+            Point3::new(-50.0, -20.0, 0.0),
+        );
+        let hinges = Hinges {
+            mandible: Mandible::new(&left, &right, 1.0).expect("apart"),
             eyes: [[30.0, 0.0, 60.0], [-30.0, 0.0, 60.0]],
             jaw: vec![0.0, 0.5, 1.0],
             lids: BTreeMap::new(),
-        }
-    }
-
-    #[test]
-    fn opening_lowers_the_chin_on_a_circle_around_the_hinge() {
-        let hinges = hinges();
+        };
         let jaw = JawPose {
             open_rad: 0.5,
             ..JawPose::default()
         };
         let motion = hinges.motion(jaw, [LidPose::default(); 2]);
-        let chin = motion.of(2).apply([0.0, -20.0, 80.0]);
-        assert_relative_eq!(chin[1], -20.0 - 80.0 * libm::sin(0.5), epsilon = 1e-12);
-        assert_relative_eq!(chin[2], 80.0 * libm::cos(0.5), epsilon = 1e-12);
-        let half = motion.of(1).apply([0.0, -20.0, 80.0]);
-        assert_relative_eq!(half[1], -20.0 - 80.0 * libm::sin(0.25), epsilon = 1e-12);
-        assert_eq!(motion.of(0), Rigid::IDENTITY);
-    }
-
-    #[test]
-    fn the_isometry_agrees_with_the_motion_of_full_weight() {
-        let hinges = hinges();
-        let jaw = JawPose {
-            open_rad: 0.3,
-            protrusion_mm: 4.0,
-            lateral_mm: -2.0,
+        // From the hinge, which goes along the condyles' path, to the chin.
+        let way = |v: u32| {
+            sub(
+                motion.of(v).apply([0.0, -20.0, 80.0]),
+                motion.of(v).apply([0.0, -20.0, 0.0]),
+            )
         };
-        let a = hinges
-            .motion(jaw, [LidPose::default(); 2])
-            .of(2)
-            .apply([5.0, -90.0, 70.0]);
-        let b = hinges.jaw_isometry(&jaw) * Point3::new(5.0, -90.0, 70.0);
-        for k in 0..3 {
-            assert_relative_eq!(a[k], b[k], epsilon = 1e-12);
-        }
+        let (whole, half) = (way(2), way(1));
+        assert_relative_eq!(whole[1], -80.0 * libm::sin(0.5), epsilon = 1e-12);
+        assert_relative_eq!(whole[2], 80.0 * libm::cos(0.5), epsilon = 1e-12);
+        assert_relative_eq!(half[1], -80.0 * libm::sin(0.25), epsilon = 1e-12);
+        assert_eq!(motion.of(0), Rigid::IDENTITY);
     }
 
     #[test]

@@ -13,9 +13,10 @@ use crate::SimError;
 use crate::contact::{Contacts, EyeContact, LipContact, SkullContact};
 use crate::elements::Elements;
 use crate::follow::Follow;
-use crate::kinematics::{Hinges, hinge_axis};
+use crate::kinematics::Hinges;
 use crate::layers::{Layers, area_vector};
 use crate::lids::lid_vertices;
+use crate::mandible::Mandible;
 use crate::muscle::{Bound, MuscleSet};
 use crate::params::PaperParams;
 use crate::skull::HeightField;
@@ -118,6 +119,7 @@ impl FaceRig {
             },
             other => other,
         };
+        check_finite(subject)?;
         let template = &self.template;
         let head_from_skull = subject.skull_from_reference.isometry;
         let local: Vec<Point3> = fine
@@ -132,7 +134,11 @@ impl FaceRig {
         let mut rest = layers.skin.clone();
         rest.extend(&layers.fascia);
         let hinges = hinges(reference, subject, template, &cage)?;
-        let field = template.skull.fit(&template.triangles, &layers)?;
+        let field = template.skull.fit(&template.triangles, &layers);
+        let field = field.map_err(|_| SimError::Subject {
+            subject: subject.id.clone(),
+            reason: "no skin faces outwards, so that there is no skull below".to_owned(),
+        })?;
         let contacts = contacts(reference, template, &layers, &field, &hinges, subject);
         let bound = template
             .actuators
@@ -189,6 +195,35 @@ impl FaceModel {
     }
 }
 
+/// Refuses coordinates that are not numbers, and skulls and eyes without a size.
+fn check_finite(subject: &Subject) -> Result<(), SimError> {
+    let refuse = |reason: String| SimError::Subject {
+        subject: subject.id.clone(),
+        reason,
+    };
+    let finite = |p: &Point3| p.iter().all(|c| c.is_finite());
+    if let Some(v) = subject.positions.iter().position(|p| !finite(p)) {
+        return Err(refuse(format!(
+            "the position of vertex {v} is not finite: {}",
+            subject.positions[v]
+        )));
+    }
+    for (eye, name) in subject.eyes.iter().zip(["left", "right"]) {
+        if !(finite(&eye.center) && eye.radius > 0.0 && eye.radius.is_finite()) {
+            return Err(refuse(format!(
+                "the {name} eye has no place or size: centre {}, radius {} mm",
+                eye.center, eye.radius
+            )));
+        }
+    }
+    let skull = &subject.skull_from_reference;
+    let placed = skull.to_homogeneous().iter().all(|c| c.is_finite());
+    if !placed || skull.scaling() <= 0.0 {
+        return Err(refuse("the skull has no place or size".to_owned()));
+    }
+    Ok(())
+}
+
 fn hinges(
     reference: &ReferenceHead,
     subject: &Subject,
@@ -198,11 +233,12 @@ fn hinges(
     // In the skull's frame the subject's skull differs from the reference by its size alone.
     let size = subject.skull_from_reference.scaling();
     let scaled = |p: &Point3| Point3::from(p.coords * size);
-    let axis = hinge_axis(
+    let mandible = Mandible::new(
         &scaled(&reference.jaw.hinge_left),
         &scaled(&reference.jaw.hinge_right),
+        size,
     );
-    let (jaw_center, jaw_axis) = axis.ok_or_else(|| SimError::Subject {
+    let mandible = mandible.ok_or_else(|| SimError::Subject {
         subject: subject.id.clone(),
         reason: "both condyles of the jaw are at the same place".to_owned(),
     })?;
@@ -221,9 +257,7 @@ fn hinges(
         .map(|(w, role)| if *role == Role::Fixed { 0.0 } else { *w })
         .collect();
     Ok(Hinges {
-        jaw_center,
-        jaw_axis,
-        forward: [0.0, 0.0, 1.0],
+        mandible,
         eyes,
         jaw: reference.cage.jaw.clone(),
         lids: lid_vertices(cage, &weights, &template.margins.lids, &eyes),
@@ -231,8 +265,8 @@ fn hinges(
 }
 
 /// Stiffness of the zero-length springs between attached fascia and skull: Table 1's stiffness for each node of the
-/// paper's mesh, times the share of such a node's area that a node here stands for, where it is larger. Without it a
-/// coarse chin hangs on too few springs to follow the jaw.
+/// paper's mesh, times the share of such a node's area that a node here stands for. Without it a coarse chin hangs on too
+/// few springs to follow the jaw. Smaller nodes count as one of the paper's, or as the mean on a mesh that is finer.
 fn attachments(template: &Template, params: &PaperParams, rest: &[V3]) -> Vec<f64> {
     let mut area = vec![0.0; template.node_count()];
     for t in &template.triangles {
@@ -241,13 +275,15 @@ fn attachments(template: &Template, params: &PaperParams, rest: &[V3]) -> Vec<f6
             area[i as usize] += size / 3.0;
         }
     }
+    let mean = area.iter().sum::<f64>() / area.len().max(1) as f64;
+    let least = mean.min(PAPER_NODE_AREA_MM2);
     template
         .attached
         .iter()
         .zip(&template.ligament)
         .zip(&area)
         .map(|((&a, ligament), size)| {
-            let nodes = (size / PAPER_NODE_AREA_MM2).max(1.0);
+            let nodes = size.max(least) / PAPER_NODE_AREA_MM2;
             let share = if a { nodes } else { 0.0 };
             params.fascia_skull_stiffness * (share + ligament)
         })

@@ -38,11 +38,13 @@ impl Sides {
 /// Position of the jaw; all zero is closed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct JawPose {
-    /// Rotation about the hinge through the condyles, rad; positive opens.
+    /// Rotation about the axis through the condyles, rad; positive opens. An opening jaw slides forwards and down along the
+    /// articular eminences by itself.
     pub open_rad: f64,
-    /// Forward motion, mm.
+    /// Forward motion of both condyles, mm; the eminences take them down.
     pub protrusion_mm: f64,
-    /// Motion towards the subject's left, mm.
+    /// Motion of the lower incisors towards the subject's left, mm: the jaw turns about the left condyle while the right
+    /// one slides forwards and down.
     pub lateral_mm: f64,
 }
 

@@ -272,12 +272,20 @@ fn slope(t: f64) -> [f64; 4] {
     ]
 }
 
+/// A field fitted to a patch of an ellipsoid.
+#[cfg(test)]
+pub(crate) fn test_patch() -> HeightField {
+    let (triangles, layers) = tests::patch();
+    let grid = SkullGrid::new(&layers);
+    grid.fit(&triangles, &layers).expect("positive")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     /// A patch of a vertical ellipsoid around the axis.
-    fn patch() -> (Vec<[u32; 3]>, Layers) {
+    pub(super) fn patch() -> (Vec<[u32; 3]>, Layers) {
         let (rows, columns) = (25u32, 41u32);
         let mut fascia = Vec::new();
         for i in 0..rows {
@@ -303,9 +311,7 @@ mod tests {
 
     #[test]
     fn the_field_meets_a_smooth_surface_and_its_gradient_is_right() {
-        let (triangles, layers) = patch();
-        let grid = SkullGrid::new(&layers);
-        let field = grid.fit(&triangles, &layers).expect("positive");
+        let field = test_patch();
         let p = [30.0, 10.0, 72.0];
         let (gap, gradient) = field.gap(p);
         let truth = libm::sqrt(30.0f64 * 30.0 + 72.0 * 72.0)
@@ -326,9 +332,7 @@ mod tests {
 
     #[test]
     fn beyond_its_border_the_field_is_constant() {
-        let (triangles, layers) = patch();
-        let grid = SkullGrid::new(&layers);
-        let field = grid.fit(&triangles, &layers).expect("positive");
+        let field = test_patch();
         let (a, b) = (field.at(900.0, 0.0), field.at(1000.0, 0.0));
         assert!((a.radius - b.radius).abs() < 1e-12 && a.over_h == 0.0);
     }

@@ -30,10 +30,8 @@ pub struct StressReport {
     pub worst_penetration_mm: f64,
     /// Largest overlap of the lips, mm.
     pub worst_lip_overlap_mm: f64,
-    /// Certified faces with a prism that is turned inside out.
-    pub with_inversions: usize,
-    /// The most such prisms in a face.
-    pub most_inversions: usize,
+    /// Certified faces with prisms that are turned inside out: number of the solve, and how many.
+    pub inverted: Vec<(usize, usize)>,
     /// Most iterations of a solve.
     pub most_iterations: usize,
 }
@@ -95,8 +93,9 @@ pub fn stress(
                 report.not_finite += usize::from(!finite);
                 report.worst_penetration_mm = report.worst_penetration_mm.max(c.max_penetration_mm);
                 report.worst_lip_overlap_mm = report.worst_lip_overlap_mm.max(c.lip_overlap_mm);
-                report.with_inversions += usize::from(c.inverted_elements > 0);
-                report.most_inversions = report.most_inversions.max(c.inverted_elements);
+                if c.inverted_elements > 0 {
+                    report.inverted.push((number, c.inverted_elements));
+                }
                 report.most_iterations = report.most_iterations.max(c.iterations);
             }
         }

@@ -111,6 +111,10 @@ impl Template {
         for i in vestibule(cage, &positions, &cage_of_node, &edges, &margins.lips) {
             attached[i] = true;
         }
+        let held = |i: usize| attached[i] || !moving[i] || !moving[n + i];
+        for i in loose(&edges, n, held) {
+            attached[i] = true;
+        }
         let pattern = SystemPattern::new(&triangles, &edges, &margins.lip_pairs, &moving)?;
         let layers = layers(
             &triangles,
@@ -372,6 +376,28 @@ fn palpebral_ligaments(positions: &[V3], cage_of_node: &[u32], margins: &Margins
             LIGAMENT_STIFFNESS * (1.0 - reach * reach) * (1.0 - reach * reach)
         })
         .collect()
+}
+
+/// Nodes of islands of the mesh in which no node is held: nothing says where they are, so they go with the skull.
+fn loose(edges: &[[u32; 2]], nodes: usize, held: impl Fn(usize) -> bool) -> Vec<usize> {
+    let mut reached: Vec<bool> = (0..nodes).map(held).collect();
+    // Sweeps there and back: a handful on a face.
+    loop {
+        let mut changed = false;
+        let mut spread = |&[a, b]: &[u32; 2]| {
+            let (a, b) = (a as usize, b as usize);
+            if reached[a] != reached[b] {
+                (reached[a], reached[b]) = (true, true);
+                changed = true;
+            }
+        };
+        edges.iter().for_each(&mut spread);
+        edges.iter().rev().for_each(&mut spread);
+        if !changed {
+            break;
+        }
+    }
+    (0..nodes).filter(|&i| !reached[i]).collect()
 }
 
 /// Nodes over the vestibular fold, where the lips' lining is bound to the gums: a band around the rim of the lips, away

@@ -28,6 +28,14 @@ pub(crate) fn scale(a: V3, s: f64) -> V3 {
     [a[0] * s, a[1] * s, a[2] * s]
 }
 
+/// `a b`.
+pub(crate) fn product(a: &M3, b: &M3) -> M3 {
+    a.map(|row| {
+        let terms = [0, 1, 2].map(|k| scale(b[k], row[k]));
+        add(add(terms[0], terms[1]), terms[2])
+    })
+}
+
 /// `a + s b`.
 #[inline]
 pub(crate) fn add_scaled(a: V3, b: V3, s: f64) -> V3 {

@@ -2,9 +2,12 @@
 
 use std::sync::OnceLock;
 
-use facile_core::{Point3, ReferenceHead};
+use facile_core::reference::Role;
+use facile_core::{Mesh, Point3, ReferenceHead, Segment};
 use facile_sim::work_precision::largest_distance;
-use facile_sim::{Equilibrium, FaceModel, MuscleSet, Pose, Solver, SolverParams, mean_subject};
+use facile_sim::{
+    Equilibrium, ExpressionSet, FaceModel, MuscleSet, Pose, Solver, SolverParams, mean_subject,
+};
 
 fn model() -> &'static FaceModel {
     static MODEL: OnceLock<FaceModel> = OnceLock::new();
@@ -120,4 +123,63 @@ fn lids_follow_the_gaze_down_and_up_but_not_to_the_side() {
     }
     let turned = aside.eyes[0] * facile_core::Vector3::z();
     assert!((turned.x - libm::sin(0.3)).abs() < 1e-9);
+}
+
+/// Front of a row of teeth over `x` and `y`: the largest `z` of its triangles there, from above.
+fn front_of(teeth: &Mesh, place: impl Fn(Point3) -> Point3, x: f64, y: f64) -> Option<f64> {
+    let at = |i: u32| place(teeth.positions[i as usize]);
+    let over = teeth.triangles.iter().filter_map(|t| {
+        let [a, b, c] = t.map(at);
+        let area = |p: Point3, q: Point3, x: f64, y: f64| {
+            (q.x - p.x) * (y - p.y) - (q.y - p.y) * (x - p.x)
+        };
+        let whole = area(a, b, c.x, c.y);
+        if whole.abs() < 1e-9 {
+            return None;
+        }
+        let w = [area(b, c, x, y), area(c, a, x, y), area(a, b, x, y)].map(|s| s / whole);
+        let inside = w.iter().all(|w| *w >= 0.0);
+        inside.then(|| w[0] * a.z + w[1] * b.z + w[2] * c.z)
+    });
+    over.reduce(f64::max)
+}
+
+#[test]
+fn lips_and_cheeks_stay_in_front_of_the_teeth() {
+    let reference = ReferenceHead::embedded();
+    let subject = mean_subject(reference);
+    let rows: Vec<_> = reference
+        .parts
+        .iter()
+        .filter(|p| matches!(p.segment, Segment::UpperTeeth | Segment::LowerTeeth))
+        .collect();
+    // Skin over the jaws: all simulated cage vertices around the mouth, of lips and cheeks.
+    let (low, high) = (rest(8).y, rest(33).y);
+    let skin: Vec<usize> = (0..reference.cage.positions.len())
+        .filter(|&v| reference.cage.roles[v] == Role::Free)
+        .filter(|&v| (low..high).contains(&subject.positions[v].y))
+        .filter(|&v| subject.positions[v].x.abs() < 40.0 && subject.positions[v].z > 40.0)
+        .collect();
+    assert!(skin.len() > 300);
+    let deepest = |face: &Equilibrium| {
+        let mut deepest = f64::INFINITY;
+        for &v in &skin {
+            let p = face.positions[v];
+            for row in &rows {
+                let is_lower = row.segment == Segment::LowerTeeth;
+                let place = |q: Point3| if is_lower { face.jaw * q } else { q };
+                if let Some(front) = front_of(&row.mesh, place, p.x, p.y) {
+                    deepest = deepest.min(p.z - front);
+                }
+            }
+        }
+        deepest
+    };
+    let at_rest = deepest(&solve(&Pose::default()));
+    for expression in ExpressionSet::embedded().expressions() {
+        let pose = expression.pose(MuscleSet::embedded()).expect("valid");
+        let now = deepest(&solve(&pose));
+        // Flesh is thinned where it is drawn over the teeth, by less than half.
+        assert!(now > 0.5 * at_rest, "{}: {now} mm", expression.name);
+    }
 }

@@ -218,25 +218,36 @@ fn an_opening_jaw_drags_the_orbicularis_oris_along() {
 }
 
 #[test]
-fn the_jaw_slides_forwards_and_sideways_without_turning() {
-    let mut pose = Pose::default();
-    pose.jaw.protrusion_mm = 5.0;
-    pose.jaw.lateral_mm = 3.0;
-    let face = solve(model(), &pose);
-    for p in [
-        Point3::new(50.0, -20.0, 0.0),
-        Point3::new(0.0, -110.0, 80.0),
-    ] {
-        let way = face.jaw * p - p;
-        assert!((way - Vector3::new(3.0, 0.0, 5.0)).norm() < 1e-9, "{way}");
-    }
-    // Opened at the same time it turns about an axis that has gone along.
-    pose.jaw.open_rad = 0.2;
-    let open = solve(model(), &pose);
-    let turn = open.jaw.rotation.angle();
-    assert!((turn - 0.2).abs() < 1e-9);
-    let axis = open.jaw * Point3::origin() - open.jaw * Point3::new(1.0, 0.0, 0.0);
-    assert!((axis + Vector3::x()).norm() < 1e-3, "{axis}");
+fn teeth_and_chin_follow_the_condyles() {
+    let condyles = [52.0, -52.0].map(|x| Point3::new(x, -22.0, 4.0));
+    let jaw_of = |open: f64, forward: f64, aside: f64| {
+        let mut pose = Pose::default();
+        pose.jaw.open_rad = open;
+        pose.jaw.protrusion_mm = forward;
+        pose.jaw.lateral_mm = aside;
+        solve(model(), &pose)
+    };
+    let way = |face: &Equilibrium, k: usize| face.jaw * condyles[k] - condyles[k];
+    let reference = ReferenceHead::embedded();
+    let scheme = reference.scheme("ibug68").expect("built in");
+    let chin = |face: &Equilibrium| {
+        let at = |p: &[Point3]| scheme.points[8].position(p, &reference.mesh.triangles);
+        at(&face.positions) - at(&mean_subject().positions)
+    };
+    // Protruded: straight along the eminences.
+    let ahead = jaw_of(0.0, 5.0, 0.0);
+    assert!(ahead.jaw.rotation.angle() < 1e-9);
+    assert!((way(&ahead, 0).z - 5.0).abs() < 1e-9 && way(&ahead, 0).y < -3.0);
+    assert!(chin(&ahead).z > 3.5 && chin(&ahead).y < -2.0);
+    // Sideways: about the condyle of that side.
+    let aside = jaw_of(0.0, 0.0, 6.0);
+    assert!(way(&aside, 0).norm() < 0.2 && way(&aside, 1).z > 3.0);
+    assert!(chin(&aside).x > 4.0, "{}", chin(&aside));
+    // Open: the condyles go along, both alike.
+    let open = jaw_of(0.35, 0.0, 0.0);
+    assert!((open.jaw.rotation.angle() - 0.35).abs() < 1e-9);
+    assert!(way(&open, 0).z > 4.0 && way(&open, 0).y < -3.0);
+    assert!((way(&open, 0) - way(&open, 1)).norm() < 1e-9);
 }
 
 #[test]

@@ -18,7 +18,8 @@ pub struct Certificate {
     /// Largest unbalanced force on a node, over the force of a relaxed fascia spring that is stretched by 1 mm. Forces
     /// that press a node onto a surface it touches are balanced by that surface.
     pub residual: f64,
-    /// Largest depth of a node below skull or eyeball, mm, beyond its place at rest.
+    /// Largest depth of a node below skull, jaw or eyeball, mm, beyond its place at rest: the exact distance from that
+    /// surface, in the frame of the piece below the node.
     pub max_penetration_mm: f64,
     /// Largest overlap of the lips, mm, beyond that at rest: they press on each other like soft flesh.
     pub lip_overlap_mm: f64,

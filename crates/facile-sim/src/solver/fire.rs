@@ -3,8 +3,8 @@
 //! Masses are the stiffness at each node, so that every node can take about the same time step. Contact is that of
 //! Verlet. Source: Bitzek et al., Structural relaxation made simple, 2006, with the constants given there.
 
-use super::Outcome;
 use super::certificate::residual;
+use super::{Outcome, SolverParams};
 use crate::elements::Volume;
 use crate::load::Load;
 use crate::simd::LANES;
@@ -21,6 +21,8 @@ const FIRST_STEP: f64 = 0.3;
 const PATIENCE: usize = 5;
 /// A prism's six nodes move against each other: its stiffness counts this many times for each.
 const PAIRED: f64 = 6.0;
+/// Longest way of a node in one step, mm: squeezed prisms stiffen by orders of magnitude within a millimetre.
+const MAX_MOVE_MM: f64 = 0.3;
 const GROW: f64 = 1.1;
 const SHRINK: f64 = 0.5;
 const MIX: f64 = 0.1;
@@ -41,11 +43,11 @@ const TOUCH_MM: f64 = 1e-6;
 pub(crate) fn relax(
     load: &Load<'_>,
     x: &mut [V3],
-    tolerance: f64,
+    params: &SolverParams,
     budget: usize,
     is_last: bool,
 ) -> Outcome {
-    let tolerance = tolerance * if is_last { 1.0 } else { PATH_LOOSENESS };
+    let tolerance = params.tolerance * if is_last { 1.0 } else { PATH_LOOSENESS };
     let mut mobility = Vec::new();
     let mut velocity = vec![ZERO; x.len()];
     let mut gradient = vec![ZERO; x.len()];
@@ -106,14 +108,14 @@ pub(crate) fn relax(
             mix = MIX;
             downhill = 0;
         }
-        for (((v, p), g), m) in velocity
-            .iter_mut()
-            .zip(x.iter_mut())
-            .zip(&gradient)
-            .zip(&mobility)
-        {
+        let mut fastest = 0.0f64;
+        for ((v, g), m) in velocity.iter_mut().zip(&gradient).zip(&mobility) {
             *v = add_scaled(*v, *g, -dt * m);
-            *p = add_scaled(*p, *v, if *m > 0.0 { dt } else { 0.0 });
+            fastest = fastest.max(dot(*v, *v));
+        }
+        let step = dt.min(MAX_MOVE_MM / fastest.sqrt().max(1e-300));
+        for ((v, p), m) in velocity.iter().zip(x.iter_mut()).zip(&mobility) {
+            *p = add_scaled(*p, *v, if *m > 0.0 { step } else { 0.0 });
         }
         load.contacts.project(x, &mut velocity);
     }

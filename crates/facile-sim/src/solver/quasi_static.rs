@@ -268,3 +268,48 @@ impl Stage<'_, '_> {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::Solver;
+    use super::*;
+    use crate::{ExpressionSet, FaceModel, MuscleSet, mean_subject};
+    use facile_core::ReferenceHead;
+
+    /// Energies after each iteration of the last step of the path, from where nodes are carried to.
+    fn energies(model: &FaceModel, pose: &Pose) -> Vec<f64> {
+        let load = Load::new(model, pose).expect("valid");
+        let mut scratch = Solver::new().scratch(model);
+        let mut after = |budget: usize| {
+            let mut x = load.carried.clone();
+            let mut stage = Stage {
+                load: &load,
+                preconditioner: &mut scratch.preconditioner,
+                lbfgs: &mut scratch.lbfgs,
+                tolerance: SolverParams::default().tolerance,
+                is_last: true,
+                budget,
+            };
+            stage.run(&mut x).expect("factors")
+        };
+        let all = after(usize::MAX);
+        assert!(all.converged);
+        (0..=all.iterations).map(|k| after(k).energy).collect()
+    }
+
+    #[test]
+    fn the_energy_never_rises_along_a_step() {
+        let reference = ReferenceHead::embedded();
+        let muscles = MuscleSet::embedded();
+        let model = FaceModel::new(reference, muscles, &mean_subject(reference)).expect("built");
+        for name in ["smile", "surprise", "kiss", "blink"] {
+            let expression = ExpressionSet::embedded().get(name).expect("built in");
+            let energies = energies(&model, &expression.pose(muscles).expect("valid"));
+            assert!(energies.len() > 5, "{name}");
+            for (k, pair) in energies.windows(2).enumerate() {
+                let rise = pair[1] - pair[0];
+                assert!(rise <= 1e-12 * pair[0].abs(), "{name}, {k}: {rise}");
+            }
+        }
+    }
+}

@@ -5,13 +5,11 @@
 //! end in the same equilibrium where there are several. The step follows the stiffest motion, measured again and again on
 //! the way, and halves when the energy jumps or the motion does not die down.
 
-use super::Outcome;
 use super::certificate::residual;
+use super::{Outcome, SolverParams};
 use crate::load::Load;
 use crate::vector::{V3, ZERO, add, add_scaled, dot, norm, scale};
 
-/// Share of the stability limit `2 / omega` that a step takes.
-const SAFETY: f64 = 0.9;
 /// Steps between checks of the residual.
 const CHECK: usize = 25;
 /// Time steps on each step of the path before the last: enough to come near its equilibrium.
@@ -21,13 +19,13 @@ const MEASURE: usize = 20;
 /// Checks in which the residual has to fall by a tenth; a step near its limit can feed a swing that damping just balances.
 const PATIENCE: usize = 60;
 /// Contact counts as touching within this distance, mm.
-const TOUCH_MM: f64 = 1e-3;
+const TOUCH_MM: f64 = 1e-6;
 
 /// Moves the nodes to rest. On each step of the path before the last a few time steps are enough.
 pub(crate) fn relax(
     load: &Load<'_>,
     x: &mut [V3],
-    tolerance: f64,
+    params: &SolverParams,
     budget: usize,
     is_last: bool,
 ) -> Outcome {
@@ -39,7 +37,7 @@ pub(crate) fn relax(
         acceleration: vec![ZERO; n],
         gradient: vec![ZERO; n],
     };
-    let outcome = state.run(load, tolerance, budget);
+    let outcome = state.run(load, params, budget);
     x.copy_from_slice(&state.x);
     outcome
 }
@@ -52,9 +50,11 @@ struct State {
 }
 
 impl State {
-    fn run(&mut self, load: &Load<'_>, tolerance: f64, budget: usize) -> Outcome {
+    fn run(&mut self, load: &Load<'_>, settings: &SolverParams, budget: usize) -> Outcome {
         let params = &load.model.params;
-        let longest = |x: &[V3]| SAFETY * 2.0 / (largest_stiffness(load, x) / params.mass).sqrt();
+        let tolerance = settings.tolerance;
+        let longest =
+            |x: &[V3]| settings.time_step * 2.0 / (largest_stiffness(load, x) / params.mass).sqrt();
         let mut share = 1.0;
         let mut dt = longest(&self.x);
         let (mut best, mut waited, mut checks) = (f64::INFINITY, 0, 0);
