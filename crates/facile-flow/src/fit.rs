@@ -120,40 +120,7 @@ pub(crate) fn fit_shape(
         curvature_correlation: 0.0,
         base: Vec::new(),
     };
-    let mut beyond = vec![false; template.reference.mesh.positions.len()];
-    for k in 0..params.nearest_rounds {
-        let share = k as f64 / params.nearest_rounds as f64;
-        let fine = template.fine(&shape.cage);
-        let normals = vertex_normals(&fine, &template.reference.mesh.triangles);
-        let mut goals = nearest_goals(
-            template,
-            scan,
-            (&fine, &normals),
-            &mut shape.starts,
-            &mut beyond,
-            18.0 - 10.0 * share,
-        );
-        anchor_goals(template, scan, anchors, &fine, &mut goals);
-        let motion = fit_identity(
-            template,
-            modes,
-            (&normals, &mut shape.identity),
-            &mut goals,
-            NEAREST_STEPS,
-            NEAREST_ERROR,
-        );
-        scan.transform(&motion.inverse());
-        shape.cage = modes.cage(rest, &shape.identity);
-        if k + 1 == params.nearest_rounds {
-            let positions = template.fine(&shape.cage);
-            let normals = vertex_normals(&positions, &template.reference.mesh.triangles);
-            let now = Iterate {
-                positions: &positions,
-                normals: &normals,
-            };
-            shape.identity.strangeness = strangeness(template, &now, &goals);
-        }
-    }
+    follow_nearest(template, modes, scan, &mut shape, anchors, params);
     shape.base.clone_from(&shape.cage);
     let with_color = scan.has_color();
     // From here on the scan stays, so that it is drawn on the cylinder once, and the head moves.
@@ -191,7 +158,7 @@ pub(crate) fn fit_shape(
         let targets = targets(template, &fine, &goals);
         let cage_fit = &template.cage_fit;
         let mut displacement = cage_fit.solve(template.reference, &targets, length)?;
-        if last {
+        if last && params.slides_on_surface {
             let cage: Vec<Vector3> = (base.iter().zip(&displacement))
                 .map(|(b, d)| b + d)
                 .collect();
@@ -213,6 +180,52 @@ pub(crate) fn fit_shape(
     scan.transform(&pose.inverse());
     face_forwards(template, scan, &mut shape);
     Ok(shape)
+}
+
+/// Rounds of nearest points that fit pose, size and modes before the flow begins, and tell how strange the person is.
+fn follow_nearest(
+    template: &Template<'_>,
+    modes: &FineModes,
+    scan: &mut WorkingScan<'_>,
+    shape: &mut Shape,
+    anchors: &[Anchor],
+    params: &RegistrationParams,
+) {
+    let rest = &template.reference.cage.positions;
+    let mut beyond = vec![false; template.reference.mesh.positions.len()];
+    for k in 0..params.nearest_rounds {
+        let share = k as f64 / params.nearest_rounds as f64;
+        let fine = template.fine(&shape.cage);
+        let normals = vertex_normals(&fine, &template.reference.mesh.triangles);
+        let mut goals = nearest_goals(
+            template,
+            scan,
+            (&fine, &normals),
+            &mut shape.starts,
+            &mut beyond,
+            18.0 - 10.0 * share,
+        );
+        anchor_goals(template, scan, anchors, &fine, &mut goals);
+        let motion = fit_identity(
+            template,
+            modes,
+            (&normals, &mut shape.identity),
+            &mut goals,
+            NEAREST_STEPS,
+            NEAREST_ERROR,
+        );
+        scan.transform(&motion.inverse());
+        shape.cage = modes.cage(rest, &shape.identity);
+        if k + 1 == params.nearest_rounds {
+            let positions = template.fine(&shape.cage);
+            let normals = vertex_normals(&positions, &template.reference.mesh.triangles);
+            let now = Iterate {
+                positions: &positions,
+                normals: &normals,
+            };
+            shape.identity.strangeness = strangeness(template, &now, &goals);
+        }
+    }
 }
 
 /// Moves head and scan so that the face lies nearest to the reference's, up to its size: the modes shift the face in
