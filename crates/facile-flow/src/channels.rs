@@ -44,7 +44,7 @@ impl Default for ChannelWeights {
             mean_curvature: 0.5,
             gaussian_curvature: 0.15,
             curvature_unit: 0.05,
-            detail_mm: 25.0,
+            detail_mm: 20.0,
         }
     }
 }

@@ -43,7 +43,7 @@ impl Default for FlowParams {
             window_cells: 1.5,
             smoothness: 0.25,
             outlier: 0.3,
-            sweeps: 10,
+            sweeps: 14,
         }
     }
 }
