@@ -82,8 +82,12 @@ pub(crate) fn lid_vertices(
         }
         let p = positions[v];
         let eye = usize::from(norm(sub(p, centers[1])) < norm(sub(p, centers[0])));
-        let rim = rims[eye].contains(&(v as u32));
-        let closure = margins[eye].closure(p[0], weight, rim);
+        let margin = &margins[eye];
+        let closure = if rims[eye].contains(&(v as u32)) {
+            margin.closure_of_rim(p[0], elevation(p, centers[eye]), weight)
+        } else {
+            margin.closure(p[0], weight)
+        };
         let vertex = LidVertex {
             eye,
             weight,
@@ -106,7 +110,6 @@ const COLUMNS: usize = 48;
 impl Margin {
     fn new(positions: &[V3], weights: &[f64], rim: &[u32], center: V3) -> Self {
         let at = |v: u32| positions[v as usize];
-        let elevation = |p: V3| libm::atan2(p[1] - center[1], p[2] - center[2]);
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
         let mut radius = 0.0;
         for &v in rim {
@@ -118,7 +121,13 @@ impl Margin {
             let mut points: Vec<[f64; 3]> = rim
                 .iter()
                 .filter(|&&v| (weights[v as usize] > 0.0) == upper && weights[v as usize] != 0.0)
-                .map(|&v| [at(v)[0], elevation(at(v)), weights[v as usize].abs()])
+                .map(|&v| {
+                    [
+                        at(v)[0],
+                        elevation(at(v), center),
+                        weights[v as usize].abs(),
+                    ]
+                })
                 .collect();
             points.sort_by(|a, b| a[0].total_cmp(&b[0]));
             points
@@ -154,38 +163,60 @@ impl Margin {
         }
     }
 
-    /// Rise at full closure of a vertex at `x` with this lid weight.
-    fn closure(&self, x: f64, weight: f64, on_rim: bool) -> f64 {
-        let (Some(first), Some(last)) = (self.columns.first(), self.columns.last()) else {
+    /// The margins at `x`: elevation of the upper and the lower one, their lid weights, and where they meet.
+    fn at(&self, x: f64) -> Option<([f64; 4], f64)> {
+        let last = self.columns.len().checked_sub(1).filter(|n| *n > 0)?;
+        let k = self.columns.partition_point(|c| c[0] <= x).clamp(1, last);
+        let (a, b) = (self.columns[k - 1], self.columns[k]);
+        let t = ((x - a[0]) / (b[0] - a[0]).max(1e-9)).clamp(0.0, 1.0);
+        let margins = [1, 2, 3, 4].map(|c| a[c] + t * (b[c] - a[c]));
+        let [upper, lower, ..] = margins;
+        Some((margins, lower + LOWER_SHARE * (upper - lower).max(0.0)))
+    }
+
+    /// Half of what margins that are `open` apart pass each other by, rad.
+    fn overlap(&self, open: f64) -> f64 {
+        // Where the margins already touch there is nothing to overlap.
+        (0.5 * OVERLAP_MM / self.radius).min(0.5 * open.max(0.0))
+    }
+
+    /// Rise at full closure of a vertex of the margin: to where the margins meet, however steep they are there.
+    fn closure_of_rim(&self, x: f64, elevation: f64, weight: f64) -> f64 {
+        let Some((_, meet)) = self.at(x) else {
+            return 0.0;
+        };
+        let open = elevation - meet;
+        if weight > 0.0 {
+            (-open - self.overlap(open)).min(0.0)
+        } else {
+            (-open + self.overlap(-open)).max(0.0)
+        }
+    }
+
+    /// Rise at full closure of a vertex beside the margin, at `x` with this lid weight.
+    fn closure(&self, x: f64, weight: f64) -> f64 {
+        let (Some(first), Some(last), Some((margins, meet))) =
+            (self.columns.first(), self.columns.last(), self.at(x))
+        else {
             return 0.0;
         };
         // Beyond the corners of the eye the motion fades out.
         let outside = (first[0] - x).max(x - last[0]).max(0.0);
         let fade = (1.0 - outside / 4.0).clamp(0.0, 1.0);
-        let k = self
-            .columns
-            .partition_point(|c| c[0] <= x)
-            .clamp(1, self.columns.len() - 1);
-        let (a, b) = (self.columns[k - 1], self.columns[k]);
-        let t = ((x - a[0]) / (b[0] - a[0]).max(1e-9)).clamp(0.0, 1.0);
-        let mix = |c: usize| a[c] + t * (b[c] - a[c]);
-        let (upper, lower) = (mix(1), mix(2));
-        let open = (upper - lower).max(0.0);
-        let meet = lower + LOWER_SHARE * open;
-        // Where the margins already touch there is nothing to overlap.
-        let overlap = (0.5 * OVERLAP_MM / self.radius).min(0.5 * open);
+        let [upper, lower, weight_of_upper, weight_of_lower] = margins;
+        let overlap = self.overlap(upper - lower);
         let (way, rim_weight) = if weight > 0.0 {
-            (meet - upper - overlap, mix(3))
+            (meet - upper - overlap, weight_of_upper)
         } else {
-            (meet - lower + overlap, mix(4))
+            (meet - lower + overlap, weight_of_lower)
         };
-        let share = if on_rim {
-            1.0
-        } else {
-            (weight.abs() / rim_weight.max(0.15)).min(1.0)
-        };
-        way * share * fade
+        way * (weight.abs() / rim_weight.max(0.15)).min(1.0) * fade
     }
+}
+
+/// Elevation of a point seen from the eyeball's centre, rad.
+fn elevation(p: V3, center: V3) -> f64 {
+    libm::atan2(p[1] - center[1], p[2] - center[2])
 }
 
 #[cfg(test)]
