@@ -30,16 +30,32 @@ fn recipe(case: &Case) -> Result<Recipe, Error> {
         })
         .collect();
     let lights = lights.concat();
+    let (subjects, blink) = match case.people {
+        People::Sampled => (format!("sampled = {}", case.subjects), ""),
+        People::ScannedAndBlinking => (
+            "builtin = [\"emi\"]".to_owned(),
+            "[[expression]]\nname = \"blink\"\n",
+        ),
+    };
     let text = format!(
         "[dataset]\nname = \"bench\"\nseed = 1\n[image]\nsize = [{0}, {0}]\nsamples = 1\n\
-         truth = [\"landmarks\", \"segments\", \"depth\"]\n[subjects]\nsampled = {1}\n\
+         truth = [\"landmarks\", \"segments\", \"depth\"]\n[subjects]\n{1}\n\
          [[expression]]\nname = \"neutral\"\n[[expression]]\nname = \"smile\"\nintensities = [0.5, 1.0]\n\
-         {lights}[[view]]\nyaw_deg = [{2}]\n[[occluder]]\nkind = \"none\"\n[[occluder]]\nkind = \"glasses\"\n",
+         {blink}{lights}[[view]]\nyaw_deg = [{2}]\n[[occluder]]\nkind = \"none\"\n[[occluder]]\nkind = \"glasses\"\n",
         case.size,
-        case.subjects,
+        subjects,
         yaws.join(", "),
     );
     Recipe::parse(&text, Path::new("bench"), Path::new(""))
+}
+
+/// Whom a run shows.
+#[derive(Clone, Copy)]
+enum People {
+    /// As many drawn identities as the case says.
+    Sampled,
+    /// One scan, whose face also blinks: every saving has something to save.
+    ScannedAndBlinking,
 }
 
 /// One run.
@@ -47,6 +63,7 @@ fn recipe(case: &Case) -> Result<Recipe, Error> {
 struct Case {
     size: u32,
     threads: usize,
+    people: People,
     subjects: u32,
     views: u32,
     lights: u32,
@@ -55,6 +72,7 @@ struct Case {
 const BASE: Case = Case {
     size: 256,
     threads: 1,
+    people: People::Sampled,
     subjects: 2,
     views: 9,
     lights: 5,
@@ -141,6 +159,7 @@ fn skips(effort: Effort) -> Result<Table, Error> {
     let mut table = Table::new(&["skip", "images", "seconds_with", "seconds_without", "ratio"]);
     let case = Case {
         size: effort.of(64, 256),
+        people: People::ScannedAndBlinking,
         subjects: 1,
         views: effort.of(1, 3),
         lights: effort.of(2, 5),

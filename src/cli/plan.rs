@@ -88,6 +88,7 @@ fn print(recipe: &Recipe, p: &Prediction) {
 
 fn time(seconds: f64) -> String {
     match seconds {
+        s if s < 10.0 => format!("{s:.1} s"),
         s if s < 100.0 => format!("{s:.0} s"),
         s if s < 6_000.0 => format!("{:.0} min", s / 60.0),
         s if s < 360_000.0 => format!("{:.1} h", s / 3_600.0),

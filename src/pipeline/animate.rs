@@ -1,5 +1,7 @@
 //! From a subject and an expression to a deformed face (paper section 4).
 
+use std::borrow::Cow;
+
 use facile_core::{Isometry3, Point3, UnitQuaternion, Vector3};
 use facile_sim::{Certificate, Pose, Solver, SolverParams};
 use facile_trace::head::Gaze;
@@ -46,7 +48,11 @@ impl Pipeline {
             return Ok(face);
         }
         let model = person.model(rig, self.reference())?;
-        let solved = solver.solve(model, pose, &SolverParams::of(solver_kind))?;
+        let pose = match skips.idle_muscles {
+            true => Cow::Borrowed(pose),
+            false => Cow::Owned(pose.naming_all(self.muscles())),
+        };
+        let solved = solver.solve(model, &pose, &SolverParams::of(solver_kind))?;
         let face = Face {
             positions: solved.positions,
             jaw: solved.jaw,

@@ -103,7 +103,8 @@ impl Pipeline {
             registrations: Registrations::with(RegistrationParams {
                 delight: recipe.subjects.delight,
                 ..RegistrationParams::default()
-            }),
+            })
+            .taking_cached(skips.cached_registrations),
             equilibria: Equilibria::new(),
             wardrobe: hair::Wardrobe::new(),
             gallery: background::Gallery::new(&recipe),

@@ -182,6 +182,7 @@ pub struct Registrations {
     /// Made for the first scan that is not in the cache.
     registrar: OnceLock<Registrar<'static>>,
     cache: Cache,
+    takes_cached: bool,
     counts: Counts,
 }
 
@@ -204,8 +205,16 @@ impl Registrations {
             params,
             registrar: OnceLock::new(),
             cache: Cache::of_user(),
+            takes_cached: true,
             counts: Counts::default(),
         }
+    }
+
+    /// The same, taking what earlier runs left in the cache or registering anew.
+    #[must_use]
+    pub(super) fn taking_cached(mut self, takes_cached: bool) -> Self {
+        self.takes_cached = takes_cached;
+        self
     }
 
     /// To another reference head, which is kept as long as the process lives, with the user's cache.
@@ -306,7 +315,7 @@ impl Registrations {
         landmarks: Option<&ScanLandmarks>,
     ) -> Result<Registered, Error> {
         let key = self.key(scan, landmarks);
-        let stored = self.cache.get(&key);
+        let stored = self.takes_cached.then(|| self.cache.get(&key)).flatten();
         if let Some(registered) = stored.and_then(|bytes| self.read(&bytes, &scan.path)) {
             self.counts.hit();
             return Ok(registered);

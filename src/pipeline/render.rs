@@ -2,6 +2,7 @@
 
 use facile_core::color::LINEAR_FROM_SRGB8;
 use facile_core::{Eye, Point3, Vector3};
+use facile_sim::{Pose, Side};
 use facile_trace::math::Rgb;
 use facile_trace::occluder::FaceFit;
 use facile_trace::{
@@ -55,12 +56,15 @@ impl Pipeline {
     ///
     /// # Errors
     /// [`Error::Trace`] for positions that are not finite.
-    pub fn show_face(&self, scene: &mut HeadScene, face: &Face) -> Result<(), Error> {
+    pub fn show_face(&self, scene: &mut HeadScene, pose: &Pose, face: &Face) -> Result<(), Error> {
         scene.set_positions(&face.positions)?;
         scene.set_gaze(face.gaze)?;
         scene.set_jaw(&face.jaw)?;
         // A face at rest has its lips together: what is behind them is left out.
         scene.show_mouth(face.certificate.is_some() || !self.skips().closed_mouths);
+        // Shut lids likewise.
+        let shows = |side| !(self.skips().closed_eyes && pose.shuts_eye(self.muscles(), side));
+        scene.show_eyes(Side::BOTH.map(shows));
         Ok(())
     }
 

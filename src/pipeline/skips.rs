@@ -8,10 +8,14 @@
     reason = "independent switches, one for each saving"
 )]
 pub struct Skips {
+    /// Registrations of earlier runs are taken from the cache.
+    pub cached_registrations: bool,
     /// Faces at rest are not simulated.
     pub faces_at_rest: bool,
     /// Equilibria of earlier runs are taken from the cache.
     pub cached_equilibria: bool,
+    /// Muscles that do not pull are not gone through.
+    pub idle_muscles: bool,
     /// Samples that differ in view, occluder and light share a face.
     pub shared_faces: bool,
     /// Samples that differ in light alone share rays, labels and maps.
@@ -20,19 +24,39 @@ pub struct Skips {
     pub moved_scenes: bool,
     /// What lies behind closed lips is left out of the scene.
     pub closed_mouths: bool,
+    /// Eyes behind shut lids are left out of the scene.
+    pub closed_eyes: bool,
     /// Truth that the recipe does not ask for is not computed.
     pub unasked_truth: bool,
 }
 
+type Switch = fn(&mut Skips) -> &mut bool;
+
+const SWITCHES: [(&str, Switch); 10] = [
+    ("cached_registrations", |s| &mut s.cached_registrations),
+    ("faces_at_rest", |s| &mut s.faces_at_rest),
+    ("cached_equilibria", |s| &mut s.cached_equilibria),
+    ("idle_muscles", |s| &mut s.idle_muscles),
+    ("shared_faces", |s| &mut s.shared_faces),
+    ("shared_views", |s| &mut s.shared_views),
+    ("moved_scenes", |s| &mut s.moved_scenes),
+    ("closed_mouths", |s| &mut s.closed_mouths),
+    ("closed_eyes", |s| &mut s.closed_eyes),
+    ("unasked_truth", |s| &mut s.unasked_truth),
+];
+
 impl Default for Skips {
     fn default() -> Self {
         Self {
+            cached_registrations: true,
             faces_at_rest: true,
             cached_equilibria: true,
+            idle_muscles: true,
             shared_faces: true,
             shared_views: true,
             moved_scenes: true,
             closed_mouths: true,
+            closed_eyes: true,
             unasked_truth: true,
         }
     }
@@ -40,58 +64,11 @@ impl Default for Skips {
 
 impl Skips {
     /// Every saving switched off alone, with its name.
-    pub fn each_off() -> [(&'static str, Self); 7] {
-        let all = Self::default();
-        [
-            (
-                "faces_at_rest",
-                Self {
-                    faces_at_rest: false,
-                    ..all
-                },
-            ),
-            (
-                "cached_equilibria",
-                Self {
-                    cached_equilibria: false,
-                    ..all
-                },
-            ),
-            (
-                "shared_faces",
-                Self {
-                    shared_faces: false,
-                    ..all
-                },
-            ),
-            (
-                "shared_views",
-                Self {
-                    shared_views: false,
-                    ..all
-                },
-            ),
-            (
-                "moved_scenes",
-                Self {
-                    moved_scenes: false,
-                    ..all
-                },
-            ),
-            (
-                "closed_mouths",
-                Self {
-                    closed_mouths: false,
-                    ..all
-                },
-            ),
-            (
-                "unasked_truth",
-                Self {
-                    unasked_truth: false,
-                    ..all
-                },
-            ),
-        ]
+    pub fn each_off() -> impl Iterator<Item = (&'static str, Self)> {
+        SWITCHES.iter().map(|(name, switch)| {
+            let mut skips = Self::default();
+            *switch(&mut skips) = false;
+            (*name, skips)
+        })
     }
 }

@@ -243,7 +243,7 @@ impl Worker {
                 None => pipeline.head_scene(person, self.last.take().as_ref())?,
             };
             scene.remove_added();
-            pipeline.show_face(&mut scene, &face)?;
+            pipeline.show_face(&mut scene, pose, &face)?;
             Ok::<_, Error>(scene)
         })?;
         self.posed = Some(Posed {

@@ -98,13 +98,11 @@ impl<'a> Load<'a> {
         let mut hold = vec![[0.0f64; 2]; n];
         for (actuator, bound) in template.actuators.iter().zip(&model.bound) {
             let muscle = &template.muscles.muscles()[actuator.muscle];
-            let c = pose
-                .contractions
-                .get(&muscle.name)
-                .map_or(0.0, |s| s.of(actuator.side.unwrap_or(Side::Left)));
-            if c <= 0.0 {
+            // A muscle that does not pull leaves no trace.
+            let Some(sides) = pose.contractions.get(&muscle.name) else {
                 continue;
-            }
+            };
+            let c = sides.of(actuator.side.unwrap_or(Side::Left));
             let places = bound.contracted(c);
             for &[edge, a, b] in &bound.edges {
                 let length = norm(sub(places[a as usize], places[b as usize]));
@@ -176,23 +174,11 @@ impl<'a> Load<'a> {
 }
 
 fn lid_poses(model: &FaceModel, pose: &Pose) -> [LidPose; 2] {
-    Side::BOTH.map(|side| {
-        let pull = |drive: LidDrive| {
-            model
-                .template
-                .muscles
-                .muscles()
-                .iter()
-                .filter(|m| m.lid == Some(drive))
-                .filter_map(|m| pose.contractions.get(&m.name))
-                .map(|s| s.of(side))
-                .fold(0.0, f64::max)
-        };
-        LidPose {
-            close: pull(LidDrive::Close),
-            open: pull(LidDrive::Open),
-            pitch: pose.gaze.pitch_rad,
-        }
+    let muscles = &model.template.muscles;
+    Side::BOTH.map(|side| LidPose {
+        close: pose.lid_pull(muscles, LidDrive::Close, side),
+        open: pose.lid_pull(muscles, LidDrive::Open, side),
+        pitch: pose.gaze.pitch_rad,
     })
 }
 
@@ -273,5 +259,24 @@ mod tests {
                 "every {every}: {slope} {measured}"
             );
         }
+    }
+
+    #[test]
+    fn idle_muscles_leave_no_trace() {
+        let reference = ReferenceHead::embedded();
+        let muscles = MuscleSet::embedded();
+        let rig = FaceRig::new(reference, muscles).expect("built in");
+        let subject = crate::mean_subject(reference);
+        let model = rig.model(reference, &subject).expect("the mean head");
+        let mut pose = Pose::default();
+        pose.set(muscles, "zygomatic_major.left", 0.8)
+            .expect("known");
+        let named = pose.naming_all(muscles);
+        assert_eq!(named.contractions.len(), muscles.muscles().len());
+        let [a, b] = [&pose, &named].map(|p| Load::new(&model, p).expect("valid"));
+        assert_eq!(a.stiffness, b.stiffness);
+        assert_eq!(a.rest_length, b.rest_length);
+        assert_eq!(a.attachment, b.attachment);
+        assert_ne!(a.stiffness, model.springs.stiffness, "one muscle pulls");
     }
 }

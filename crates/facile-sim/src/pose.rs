@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use crate::SimError;
-use crate::muscle::{MuscleSet, Side};
+use crate::muscle::{LidDrive, MuscleSet, Side};
 
 /// Largest opening of the jaw, rad (40 degrees).
 pub const MAX_OPEN_RAD: f64 = 0.7;
@@ -115,8 +115,9 @@ impl Pose {
             sides.left *= intensity;
             sides.right *= intensity;
         }
-        out.contractions
-            .retain(|_, s| s.left != 0.0 || s.right != 0.0);
+        if intensity == 0.0 {
+            out.contractions.clear();
+        }
         out.jaw.open_rad *= intensity;
         out.jaw.protrusion_mm *= intensity;
         out.jaw.lateral_mm *= intensity;
@@ -141,6 +142,17 @@ impl Pose {
         out
     }
 
+    /// The same motion with every muscle named, those at rest with a contraction of 0: muscles that are not named are not
+    /// gone through, and this shows what that saves.
+    #[must_use]
+    pub fn naming_all(&self, muscles: &MuscleSet) -> Self {
+        let mut out = self.clone();
+        for muscle in muscles.muscles() {
+            out.contractions.entry(muscle.name.clone()).or_default();
+        }
+        out
+    }
+
     /// The mirror image: left and right exchanged.
     pub fn mirrored(&self) -> Self {
         let mut out = self.clone();
@@ -159,6 +171,18 @@ impl Pose {
             .all(|s| s.left == 0.0 && s.right == 0.0)
             && self.jaw == JawPose::default()
             && self.gaze == Gaze::default()
+    }
+
+    /// Strongest contraction of the muscles that drive a lid, in `[0, 1]`.
+    pub(crate) fn lid_pull(&self, muscles: &MuscleSet, drive: LidDrive, side: Side) -> f64 {
+        let drivers = muscles.muscles().iter().filter(|m| m.lid == Some(drive));
+        let sides = drivers.filter_map(|m| self.contractions.get(&m.name));
+        sides.map(|s| s.of(side)).fold(0.0, f64::max)
+    }
+
+    /// Whether the lids of an eye are shut: their margins pass each other all along, whatever else the face does.
+    pub fn shuts_eye(&self, muscles: &MuscleSet, side: Side) -> bool {
+        self.lid_pull(muscles, LidDrive::Close, side) >= 1.0
     }
 
     /// Checks every name and number against the muscles and the ranges of jaw and gaze.

@@ -36,6 +36,8 @@ pub struct HeadScene {
     /// Vertices of the eyeballs with the iris on their surface, mm.
     eyeballs: Vec<Vec<Point3>>,
     detail: f32,
+    /// Whether the left and the right eye are shown.
+    shows_eyes: [bool; 2],
     /// Number of objects of the head, hair and lashes included.
     parts: usize,
     hair: Option<WornHair>,
@@ -144,6 +146,7 @@ impl HeadScene {
         let mut head = Self {
             eyeballs,
             detail: 0.0,
+            shows_eyes: [true; 2],
             parts: scene.objects().len(),
             hair: None,
             lashes: None,
@@ -305,11 +308,21 @@ impl HeadScene {
                 };
                 let objects = self.scene.objects_mut();
                 objects[Self::LEFT_EYE + k].set_positions(positions)?;
-                objects[Self::LEFT_CORNEA + k].set_visible(detail > 0.0);
             }
         }
         self.detail = detail;
+        self.show_eyes(self.shows_eyes);
         Ok(())
+    }
+
+    /// Shows or hides the left and the right eye: shut lids need none behind them.
+    pub fn show_eyes(&mut self, are_visible: [bool; 2]) {
+        self.shows_eyes = are_visible;
+        let objects = self.scene.objects_mut();
+        for (k, is_visible) in are_visible.into_iter().enumerate() {
+            objects[Self::LEFT_EYE + k].set_visible(is_visible);
+            objects[Self::LEFT_CORNEA + k].set_visible(is_visible && self.detail > 0.0);
+        }
     }
 
     /// Moves what the jaw carries, lower teeth and tongue, by a motion of the head frame.
