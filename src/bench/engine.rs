@@ -170,7 +170,7 @@ fn skips(effort: Effort) -> Result<Table, Error> {
         let (mut with, mut less) = (Vec::new(), Vec::new());
         let mut images = 0;
         for _ in 0..effort.of(1, 3) {
-            let (n, seconds) = measure(&case, 1, Skips::default())?;
+            let (n, seconds) = measure(&case, 1, without.with(name))?;
             with.push(seconds);
             less.push(measure(&case, 1, without)?.1);
             images = n;

@@ -20,6 +20,10 @@ pub(super) struct Arguments {
     /// Image that the scene should give; its own rendering with 256 samples if not given.
     #[arg(long, value_name = "IMAGE", requires = "scene")]
     reference: Option<PathBuf>,
+    /// Folder of scans of one topology for `flow`, as `bench/peers/ict_scans.py` writes it: their transfer error is measured
+    /// too.
+    #[arg(long, value_name = "DIR")]
+    scans: Option<PathBuf>,
     /// Only see that it runs: few repetitions, few cases.
     #[arg(long)]
     quick: bool,
@@ -49,7 +53,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<u8> {
     }
     for what in what {
         let findings = match what {
-            What::Flow => bench::flow(effort)?,
+            What::Flow => bench::flow(arguments.scans.as_deref(), effort)?,
             What::Sim => bench::sim(effort)?,
             What::Trace => match &arguments.scene {
                 Some(scene) => bench::trace(scene, arguments.reference.as_deref(), effort)?,

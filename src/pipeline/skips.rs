@@ -64,11 +64,24 @@ impl Default for Skips {
 
 impl Skips {
     /// Every saving switched off alone, with its name.
+    ///
+    /// Without [`Self::idle_muscles`] equilibria are not taken from the cache either, where nothing would be left to
+    /// show.
     pub fn each_off() -> impl Iterator<Item = (&'static str, Self)> {
         SWITCHES.iter().map(|(name, switch)| {
             let mut skips = Self::default();
             *switch(&mut skips) = false;
+            skips.cached_equilibria &= skips.idle_muscles;
             (*name, skips)
         })
+    }
+
+    /// The same, with the saving that [`Self::each_off`] calls `name` switched on.
+    #[must_use]
+    pub fn with(mut self, name: &str) -> Self {
+        for (_, switch) in SWITCHES.iter().filter(|(n, _)| *n == name) {
+            *switch(&mut self) = true;
+        }
+        self
     }
 }

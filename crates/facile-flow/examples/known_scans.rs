@@ -1,11 +1,18 @@
 //! Registration error on people of the identity model, whose truth is known at every vertex.
 //!
-//! `known_scans [--people N] [--color true|false] [--noise MM] [--holes SHARE] [--params FILE.json]...` prints the mean, median and 95th percentile of
+//! `known_scans [--people N] [--color true|false] [--noise MM] [--holes SHARE] [--coarse true|false] [--files DIR]
+//! [--params FILE.json]...` prints the mean, median and 95th percentile of
 //! the distance between registered and true vertices of the face, the rank correlation of expected and true error,
-//! and the time of each stage.
+//! and the time of each stage on one thread. With `--files` the scans are written to `DIR/person_K.obj` and read from there, which is
+//! a stage as well.
 
 use std::error::Error;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
 
+use facile_core::color::srgb_from_linear;
+use facile_core::io::{Scan, load_scan};
 use facile_core::{IdentityModel, ReferenceHead};
 use facile_flow::synthetic::{Scanner, errors, face_vertices, scan_of, skin_vertices};
 use facile_flow::{Registrar, RegistrationParams};
@@ -13,6 +20,7 @@ use facile_flow::{Registrar, RegistrationParams};
 fn main() -> Result<(), Box<dyn Error>> {
     let mut args = std::env::args().skip(1);
     let (mut people, mut scanner, mut variants) = (6, Scanner::default(), Vec::new());
+    let mut folder: Option<PathBuf> = None;
     while let (Some(key), Some(value)) = (args.next(), args.next()) {
         match key.as_str() {
             "--people" => people = value.parse()?,
@@ -20,6 +28,11 @@ fn main() -> Result<(), Box<dyn Error>> {
             "--noise" => scanner.noise_mm = value.parse()?,
             "--holes" => scanner.holes = value.parse()?,
             "--cell" => scanner.cell_mm = value.parse()?,
+            "--files" => folder = Some(value.into()),
+            "--coarse" if value.parse()? => {
+                variants.push(("coarse".to_owned(), RegistrationParams::coarse()));
+            }
+            "--coarse" => {}
             "--params" => {
                 let params = serde_json::from_str(&std::fs::read_to_string(&value)?)?;
                 variants.push((value, params));
@@ -43,13 +56,26 @@ fn main() -> Result<(), Box<dyn Error>> {
         let (mut true_errors, mut expected, mut folded) = (Vec::new(), Vec::new(), 0);
         let (mut true_skin, mut expected_skin) = (Vec::new(), Vec::new());
         let mut stages = Vec::<(&str, f64)>::new();
-        for known in &scans {
-            let found = registrar.register(&known.scan)?;
-            for (k, time) in found.times.iter().enumerate() {
-                match stages.get_mut(k) {
-                    Some(stage) => stage.1 += time.seconds,
-                    None => stages.push((time.stage, time.seconds)),
+        let mut add = |stage, seconds| match stages.iter_mut().find(|s| s.0 == stage) {
+            Some(known) => known.1 += seconds,
+            None => stages.push((stage, seconds)),
+        };
+        for (k, known) in scans.iter().enumerate() {
+            let read;
+            let scan = match &folder {
+                Some(folder) => {
+                    let path = folder.join(format!("person_{k}.obj"));
+                    write_obj(&path, &known.scan)?;
+                    let start = Instant::now();
+                    read = load_scan(&path, None)?;
+                    add("read", start.elapsed().as_secs_f64());
+                    &read
                 }
+                None => &known.scan,
+            };
+            let found = registrar.register(scan)?;
+            for time in &found.times {
+                add(time.stage, time.seconds);
             }
             folded += found.report.folded_triangles;
             let all = errors(known, &found, &face);
@@ -93,6 +119,22 @@ fn main() -> Result<(), Box<dyn Error>> {
         eprintln!();
     }
     Ok(())
+}
+
+fn write_obj(path: &Path, scan: &Scan) -> Result<(), Box<dyn Error>> {
+    let mut text = String::new();
+    for (k, p) in scan.mesh.positions.iter().enumerate() {
+        write!(text, "v {:.4} {:.4} {:.4}", p.x, p.y, p.z)?;
+        if let Some(color) = scan.mesh.colors.get(k) {
+            let [r, g, b] = color.map(|c| srgb_from_linear(f64::from(c)));
+            write!(text, " {r:.4} {g:.4} {b:.4}")?;
+        }
+        text.push('\n');
+    }
+    for [a, b, c] in &scan.mesh.triangles {
+        writeln!(text, "f {} {} {}", a + 1, b + 1, c + 1)?;
+    }
+    Ok(std::fs::write(path, text)?)
 }
 
 fn mean(values: &[f64]) -> f64 {

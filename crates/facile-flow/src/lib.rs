@@ -13,6 +13,7 @@ pub mod normalise;
 pub mod pyramid;
 pub mod radial_map;
 pub mod synthetic;
+pub mod transfer;
 pub mod work_precision;
 
 mod adjacency;

@@ -30,6 +30,15 @@ pub struct Registration {
     pub times: Vec<StageTime>,
 }
 
+impl Registration {
+    /// The subject's fine vertices in the scan's coordinates.
+    pub fn positions_on_scan(&self) -> Vec<Point3> {
+        let scan_from_head = self.head_from_scan.inverse();
+        let positions = self.subject.positions.iter();
+        positions.map(|p| scan_from_head * p).collect()
+    }
+}
+
 /// How long one stage of a registration took.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StageTime {

@@ -2,10 +2,12 @@
 
 use std::time::Instant;
 
+use facile_core::io::Scan;
 use facile_core::{IdentityModel, ReferenceHead};
 
 use crate::synthetic::{KnownScan, Scanner, errors, face_vertices, scan_of};
-use crate::{FlowError, Registrar, RegistrationParams};
+use crate::transfer::TransferSet;
+use crate::{FlowError, Registrar, Registration, RegistrationParams};
 
 /// What one setting reaches.
 #[derive(Clone, Debug, PartialEq)]
@@ -17,7 +19,7 @@ pub struct WorkPrecisionRow {
     /// Median time of a registration on one thread, s, without reading the file: what the processor worked for it where the
     /// system tells (Linux), else a clock's.
     pub seconds: f64,
-    /// Mean distance of the face's vertices to their true places, mm.
+    /// Mean distance of the face's vertices to where they should be, mm.
     pub mean_mm: f64,
     /// Median distance, mm.
     pub median_mm: f64,
@@ -98,7 +100,41 @@ pub fn settings() -> Vec<(&'static str, String, RegistrationParams)> {
     all
 }
 
-/// Registers `scans` with each of `settings` and compares with the truth, all on one thread. Errors do not depend on the
+/// People whose truth is known, and how far registrations of them are from it.
+#[derive(Clone, Debug)]
+pub enum Truth {
+    /// The true place of each vertex is known.
+    Places(Vec<KnownScan>),
+    /// Only where a place of one person is on another.
+    Transfer(TransferSet),
+}
+
+impl Truth {
+    fn scans(&self) -> Vec<&Scan> {
+        match self {
+            Self::Places(known) => known.iter().map(|k| &k.scan).collect(),
+            Self::Transfer(set) => set.scans.iter().collect(),
+        }
+    }
+
+    /// Distances of the face's vertices to where they should be, mm, given the registrations of all scans.
+    fn distances(&self, found: &[Registration]) -> Vec<f64> {
+        match self {
+            Self::Places(known) => {
+                let face = face_vertices(ReferenceHead::embedded());
+                let pairs = known.iter().zip(found);
+                pairs.flat_map(|(k, f)| errors(k, f, &face)).collect()
+            }
+            Self::Transfer(set) => {
+                let placed = found.iter().map(Registration::positions_on_scan);
+                let errors = set.errors(placed.collect());
+                errors.iter().map(|e| e.distance_mm).collect()
+            }
+        }
+    }
+}
+
+/// Registers people with each of `settings` and compares with the truth, all on one thread. Errors do not depend on the
 /// machine.
 ///
 /// # Errors
@@ -107,13 +143,13 @@ pub fn settings() -> Vec<(&'static str, String, RegistrationParams)> {
 /// # Panics
 /// If the system gives no thread.
 pub fn work_precision(
-    scans: &[KnownScan],
+    people: &Truth,
     settings: &[(&'static str, String, RegistrationParams)],
 ) -> Result<Vec<WorkPrecisionRow>, FlowError> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build();
     pool.expect("a thread").install(|| {
         let row = |(family, setting, params): &(&'static str, String, RegistrationParams)| {
-            measured(scans, family, setting, params)
+            measured(people, family, setting, params)
         };
         settings.iter().map(row).collect()
     })
@@ -121,24 +157,22 @@ pub fn work_precision(
 
 /// What one setting reaches.
 fn measured(
-    scans: &[KnownScan],
+    people: &Truth,
     family: &'static str,
     setting: &str,
     params: &RegistrationParams,
 ) -> Result<WorkPrecisionRow, FlowError> {
-    let reference = ReferenceHead::embedded();
-    let face = face_vertices(reference);
-    let registrar = Registrar::new(reference, params.clone())?;
-    let (mut distances, mut times) = (Vec::new(), Vec::new());
-    for known in scans {
+    let registrar = Registrar::new(ReferenceHead::embedded(), params.clone())?;
+    let (mut found, mut times) = (Vec::new(), Vec::new());
+    for scan in people.scans() {
         let start = (Instant::now(), worked_seconds());
-        let found = registrar.register(&known.scan)?;
+        found.push(registrar.register(scan)?);
         let worked = worked_seconds()
             .zip(start.1)
             .map(|(end, start)| end - start);
         times.push(worked.unwrap_or(start.0.elapsed().as_secs_f64()));
-        distances.extend(errors(known, &found, &face));
     }
+    let mut distances = people.distances(&found);
     distances.sort_unstable_by(f64::total_cmp);
     let quantile = |q| crate::report::quantile(distances.clone(), q);
     Ok(WorkPrecisionRow {
