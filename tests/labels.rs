@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use facile::Recipe;
 use facile::core::{ReferenceHead, Segment};
-use facile::pipeline::{Pipeline, Sample, Worker};
+use facile::pipeline::{Pipeline, Sample, Skips, Worker};
 
 const RECIPE: &str = r#"
 [dataset]
@@ -285,4 +285,44 @@ fn a_lens_blurs_the_image_and_leaves_the_labels_alone() {
         let error = Recipe::parse(&text, Path::new("labels.toml"), Path::new("")).expect_err(view);
         assert!(error.to_string().contains(message), "{error}");
     }
+}
+
+#[test]
+fn shut_lids_hide_the_eye_from_every_side() {
+    let recipe = RECIPE
+        .replace("[160, 160]", "[320, 320]")
+        .replace("sampled = 1", "builtin = [\"amara\"]\nsampled = 2")
+        .replace(
+            "[hair]",
+            "[[expression]]\nname = \"blink\"\n\n[hair]\nlashes = false",
+        )
+        .replace(
+            "yaw_deg = [20]",
+            "yaw_deg = [-60, 0, 30, 60]\npitch_deg = [-30, 0, 30]",
+        );
+    let recipe = Recipe::parse(&recipe, Path::new("blink.toml"), Path::new("")).expect("valid");
+    // Eyes behind shut lids are left out; here they are there, so that a gap shows.
+    let skips = Skips {
+        closed_eyes: false,
+        ..Skips::default()
+    };
+    let pipeline = Pipeline::with(recipe, skips).expect("valid");
+    let (mut worker, images) = (Worker::new(Arc::new(pipeline)), 3 * 12);
+    let eye = [
+        Segment::LeftEye,
+        Segment::RightEye,
+        Segment::LeftIris,
+        Segment::RightIris,
+    ]
+    .map(|s| s as u8);
+    let mut pixels = 0;
+    for i in 0..images {
+        // One of the two lights is enough.
+        let sample = worker.sample(2 * i).expect("makes");
+        let segments = sample.maps.segments.as_ref().expect("asked for");
+        let seen = segments.as_slice().iter().filter(|s| eye.contains(s)).count();
+        assert!(seen <= 2, "sample {i}: {seen} pixels of an eye");
+        pixels += seen;
+    }
+    assert!(pixels <= 4, "{pixels} pixels of eyes in {images} images");
 }

@@ -48,9 +48,10 @@ impl Pipeline {
             return Ok(face);
         }
         let model = person.model(rig, self.reference())?;
-        let pose = match skips.idle_muscles {
-            true => Cow::Borrowed(pose),
-            false => Cow::Owned(pose.naming_all(self.muscles())),
+        let pose = if skips.idle_muscles {
+            Cow::Borrowed(pose)
+        } else {
+            Cow::Owned(pose.naming_all(self.muscles()))
         };
         let solved = solver.solve(model, &pose, &SolverParams::of(solver_kind))?;
         let face = Face {
