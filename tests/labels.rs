@@ -320,7 +320,11 @@ fn shut_lids_hide_the_eye_from_every_side() {
         // One of the two lights is enough.
         let sample = worker.sample(2 * i).expect("makes");
         let segments = sample.maps.segments.as_ref().expect("asked for");
-        let seen = segments.as_slice().iter().filter(|s| eye.contains(s)).count();
+        let seen = segments
+            .as_slice()
+            .iter()
+            .filter(|s| eye.contains(s))
+            .count();
         assert!(seen <= 2, "sample {i}: {seen} pixels of an eye");
         pixels += seen;
     }

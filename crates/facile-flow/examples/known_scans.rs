@@ -17,32 +17,54 @@ use facile_core::{IdentityModel, ReferenceHead};
 use facile_flow::synthetic::{Scanner, errors, face_vertices, scan_of, skin_vertices};
 use facile_flow::{Registrar, RegistrationParams};
 
-fn main() -> Result<(), Box<dyn Error>> {
-    let mut args = std::env::args().skip(1);
-    let (mut people, mut scanner, mut variants) = (6, Scanner::default(), Vec::new());
-    let mut folder: Option<PathBuf> = None;
-    while let (Some(key), Some(value)) = (args.next(), args.next()) {
-        match key.as_str() {
-            "--people" => people = value.parse()?,
-            "--color" => scanner.with_color = value.parse()?,
-            "--noise" => scanner.noise_mm = value.parse()?,
-            "--holes" => scanner.holes = value.parse()?,
-            "--cell" => scanner.cell_mm = value.parse()?,
-            "--files" => folder = Some(value.into()),
-            "--coarse" if value.parse()? => {
-                variants.push(("coarse".to_owned(), RegistrationParams::coarse()));
+/// What the command line asks for.
+#[derive(Default)]
+struct Options {
+    scanner: Scanner,
+    folder: Option<PathBuf>,
+    variants: Vec<(String, RegistrationParams)>,
+}
+
+impl Options {
+    /// The options, and the number of people.
+    fn parse(mut args: impl Iterator<Item = String>) -> Result<(Self, u64), Box<dyn Error>> {
+        let (mut options, mut people) = (Self::default(), 6);
+        while let (Some(key), Some(value)) = (args.next(), args.next()) {
+            let scanner = &mut options.scanner;
+            match key.as_str() {
+                "--people" => people = value.parse()?,
+                "--color" => scanner.with_color = value.parse()?,
+                "--noise" => scanner.noise_mm = value.parse()?,
+                "--holes" => scanner.holes = value.parse()?,
+                "--cell" => scanner.cell_mm = value.parse()?,
+                "--files" => options.folder = Some(value.into()),
+                "--coarse" if value.parse()? => {
+                    let coarse = ("coarse".to_owned(), RegistrationParams::coarse());
+                    options.variants.push(coarse);
+                }
+                "--coarse" => {}
+                "--params" => {
+                    let params = serde_json::from_str(&std::fs::read_to_string(&value)?)?;
+                    options.variants.push((value, params));
+                }
+                _ => return Err(format!("unknown option {key}").into()),
             }
-            "--coarse" => {}
-            "--params" => {
-                let params = serde_json::from_str(&std::fs::read_to_string(&value)?)?;
-                variants.push((value, params));
-            }
-            _ => return Err(format!("unknown option {key}").into()),
         }
+        if options.variants.is_empty() {
+            let defaults = ("defaults".to_owned(), RegistrationParams::default());
+            options.variants.push(defaults);
+        }
+        Ok((options, people))
     }
-    if variants.is_empty() {
-        variants.push(("defaults".to_owned(), RegistrationParams::default()));
-    }
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let (options, people) = Options::parse(std::env::args().skip(1))?;
+    let Options {
+        scanner,
+        folder,
+        variants,
+    } = options;
     let (reference, model) = (ReferenceHead::embedded(), IdentityModel::embedded());
     let mut scans = Vec::new();
     for k in 0..people {
