@@ -2,10 +2,12 @@
 
 use std::sync::Arc;
 
+use facile_core::landmarks::SurfacePoint;
 use facile_core::{Eye, Isometry3, Point3, ReferenceHead, Segment, Similarity3, Subject, Texture};
 use nalgebra::{Translation3, UnitQuaternion};
 
 use crate::TraceError;
+use crate::aperture::Aperture;
 use crate::clothes::ShirtFit;
 use crate::cornea;
 use crate::geometry::Normals;
@@ -38,6 +40,8 @@ pub struct HeadScene {
     detail: f32,
     /// Whether the left and the right eye are shown.
     shows_eyes: [bool; 2],
+    /// Around the mouth's opening: corners of the skin's triangles, and their weights.
+    lips: Vec<([u32; 3], [f64; 3])>,
     /// Number of objects of the head, hair and lashes included.
     parts: usize,
     hair: Option<WornHair>,
@@ -147,6 +151,7 @@ impl HeadScene {
             eyeballs,
             detail: 0.0,
             shows_eyes: [true; 2],
+            lips: inner_lips(reference)?,
             parts: scene.objects().len(),
             hair: None,
             lashes: None,
@@ -154,6 +159,7 @@ impl HeadScene {
             eyes: subject.eyes,
         };
         head.set_gaze([Gaze::default(); 2])?;
+        head.light_mouth(&subject.positions);
         Ok(head)
     }
 
@@ -176,7 +182,37 @@ impl HeadScene {
         if let Some((fit, index)) = &self.lashes {
             self.scene.objects_mut()[*index].set_positions(&fit.positions(positions))?;
         }
+        self.light_mouth(positions);
         Ok(())
+    }
+
+    /// Lets as much ambient light into the mouth as lips at these positions leave open.
+    fn light_mouth(&mut self, positions: &[Point3]) {
+        let rim: Vec<Point3> = self
+            .lips
+            .iter()
+            .map(|(corners, weights)| {
+                let mut point = Point3::origin();
+                for (v, w) in corners.iter().zip(weights) {
+                    point += positions[*v as usize].coords * *w;
+                }
+                point
+            })
+            .collect();
+        let aperture = Aperture::of(&rim);
+        let parts = [
+            Self::SKIN,
+            Self::UPPER_TEETH,
+            Self::LOWER_TEETH,
+            Self::TONGUE,
+        ];
+        for part in parts {
+            for material in self.scene.objects_mut()[part].materials_mut() {
+                if let Some(own) = &mut material.aperture {
+                    *own = aperture;
+                }
+            }
+        }
     }
 
     /// Puts hair on a head at rest, and its colour on the scalp. Comes before anything is put in front of the head.
@@ -345,6 +381,14 @@ impl HeadScene {
     }
 }
 
+/// The inner border of the lips in order, on the reference's triangles.
+fn inner_lips(reference: &ReferenceHead) -> Result<Vec<([u32; 3], [f64; 3])>, TraceError> {
+    let scheme = reference.scheme("ibug68")?;
+    let points = scheme.points.get(60..68).unwrap_or_default();
+    let corners = |p: &SurfacePoint| reference.mesh.triangles[p.triangle as usize];
+    Ok(points.iter().map(|p| (corners(p), p.barycentric)).collect())
+}
+
 fn skin_object(
     like: Option<&Object>,
     reference: &ReferenceHead,
@@ -364,7 +408,7 @@ fn skin_object(
     };
     let mouth = Material {
         roughness: 0.25,
-        exposure: 0.25,
+        aperture: Some(Aperture::default()),
         ..skin.clone()
     };
     // What is painted there is cropped hair, or its roots
@@ -456,7 +500,7 @@ fn mouth_object(
         specular: 0.03,
         roughness: 0.22,
         scatter_mm: Rgb::repeat(0.3),
-        exposure: 0.5,
+        aperture: Some(Aperture::default()),
         ..Material::skin(texture.clone())
     };
     Object::like(like, &mesh, Normals::Smooth, material)

@@ -7,6 +7,7 @@
 //!
 //! Read [`view`] first, then [`material`], [`bvh`] and [`triangle`].
 
+pub mod aperture;
 pub mod backdrop;
 pub mod bvh;
 pub mod camera;

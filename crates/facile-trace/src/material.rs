@@ -4,7 +4,8 @@ use std::sync::Arc;
 
 use facile_core::Texture;
 
-use crate::math::Rgb;
+use crate::aperture::Aperture;
+use crate::math::{Rgb, Vec3};
 
 /// Diffuse colour of a surface.
 #[derive(Clone, Debug)]
@@ -86,6 +87,8 @@ pub struct Material {
     /// Share of ambient light that arrives, in `[0, 1]`: below 1 for cavities, which ambient light without shadows would
     /// light too much.
     pub exposure: f32,
+    /// The opening of the cavity that the surface is in, through which ambient light has to come; `None` for what is outside.
+    pub aperture: Option<Aperture>,
 }
 
 impl Default for Material {
@@ -101,6 +104,7 @@ impl Default for Material {
             transmission: None,
             detail: 0.0,
             exposure: 1.0,
+            aperture: None,
         }
     }
 }
@@ -166,6 +170,11 @@ impl Material {
     /// Whether light passes through.
     pub fn is_transparent(&self) -> bool {
         self.transmission.is_some()
+    }
+
+    /// Share of ambient light that arrives at a point.
+    pub(crate) fn exposure_at(&self, point: Vec3) -> f32 {
+        self.exposure * self.aperture.map_or(1.0, |a| a.share(point))
     }
 
     /// Whether shading it needs more rays than the light's.

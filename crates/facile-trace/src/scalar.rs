@@ -46,7 +46,7 @@ impl Recursion<'_> {
 
     fn ambient(&self, point: &Interaction<'_>, material: &Material, weight: f32) -> Rgb {
         let sum = AmbientSum::of(self.shader.lights);
-        let share = weight * material.exposure;
+        let share = weight * material.exposure_at(point.lifted);
         let mut color = point
             .albedo
             .component_mul(&sum.on_without_bend(point.normal))

@@ -202,6 +202,7 @@ fn material(
         }),
         detail: 0.0,
         exposure: 1.0,
+        aperture: None,
     })
 }
 

@@ -40,7 +40,7 @@ pub(crate) struct SurfaceBlock {
     pub(crate) albedo: [Eight; 3],
     /// Share of light that the diffuse layer gets.
     pub(crate) weight: Eight,
-    /// [`crate::Material::exposure`].
+    /// Share of ambient light that arrives.
     pub(crate) exposure: Eight,
     /// [`crate::Material::specular`].
     pub(crate) specular: Eight,
@@ -107,6 +107,11 @@ impl Kernel for Surfaces<'_> {
             let levels = found.levels::<L>(&corners, &look, hits, self.spacing);
             let albedo = found.albedo::<L>(&corners, &look, levels, self.scene, hits, table);
             let mut block = found.surface::<L>(&corners, &look, albedo, self.raised);
+            for lane in lanes_of(found.inside) {
+                if let Some(material) = found.materials[lane] {
+                    block.exposure.0[lane] = material.exposure_at(self::lane(&block.lifted, lane));
+                }
+            }
             if found.detail != 0 {
                 detail::add(self.scene, hits, found.detail, &mut block);
             }
@@ -131,6 +136,8 @@ struct Found<'a> {
     hair: u32,
     /// Lanes with pores.
     detail: u32,
+    /// Lanes in a cavity.
+    inside: u32,
 }
 
 /// The triangles of eight hits, in the world.
@@ -154,6 +161,7 @@ impl<'a> Found<'a> {
             smooth: 0,
             hair: 0,
             detail: 0,
+            inside: 0,
         };
         for (lane, (hit, direction)) in hits.iter().zip(directions).enumerate() {
             for axis in 0..3 {
@@ -167,6 +175,7 @@ impl<'a> Found<'a> {
             found.smooth |= u32::from(!object.geometry.normals.is_empty()) << lane;
             let material = object.material(hit.triangle);
             found.detail |= u32::from(material.detail > 0.0) << lane;
+            found.inside |= u32::from(material.aperture.is_some()) << lane;
             found.materials[lane] = Some(material);
             (found.u.0[lane], found.v.0[lane]) = (hit.u, hit.v);
             found.hair |= u32::from(!object.geometry.strands.is_empty()) << lane;
@@ -496,6 +505,7 @@ pub(crate) fn lane(v: &[Eight; 3], k: usize) -> Vec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::aperture::Aperture;
     use crate::interaction::{Interaction, diffuse_weight};
     use crate::math::Pose;
     use crate::ray::Ray;
@@ -525,7 +535,16 @@ mod tests {
         let mut scene = Scene::default();
         for (normals, material) in [
             (Normals::Smooth, Material::skin(texture.clone())),
-            (Normals::Flat, Material::wet(texture.clone())),
+            (
+                Normals::Flat,
+                Material {
+                    aperture: Some(Aperture {
+                        center: Vec3::new(40.0, 40.0, 20.0),
+                        radius: 15.0,
+                    }),
+                    ..Material::wet(texture.clone())
+                },
+            ),
         ] {
             let mut object = Object::new(&mesh, normals, material).expect("valid");
             let shift = 40.0 * scene.objects().len() as f32;
@@ -571,6 +590,8 @@ mod tests {
             assert_eq!(lane(&block.lifted, k), point.lifted, "{i}");
             assert_eq!(lane(&block.view, k), point.view, "{i}");
             assert_eq!(lane(&block.albedo, k), point.albedo, "{i}");
+            let exposure = material.exposure_at(point.lifted);
+            assert_eq!(block.exposure.0[k], exposure, "{i}");
             assert_eq!(block.weight.0[k], diffuse_weight(&point, material), "{i}");
             compared += 1;
         }
