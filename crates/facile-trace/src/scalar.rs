@@ -286,6 +286,7 @@ mod tests {
             camera: &camera,
             lights: &lights,
             offset: 0.05,
+            skips: Skips::default(),
         };
         let params = BounceParams {
             max_depth: 4,
