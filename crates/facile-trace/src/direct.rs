@@ -34,6 +34,8 @@ pub(crate) struct Gather<'a> {
     pub(crate) lanes: Option<&'a [u32]>,
     /// Blocks for which the irradiance is wanted, from the first.
     pub(crate) irradiance: usize,
+    /// Whether points that get nothing of the light send it a ray all the same.
+    pub(crate) from_everywhere: bool,
     pub(crate) arriving: &'a mut Arriving,
 }
 
@@ -56,7 +58,8 @@ impl Kernel for Gather<'_> {
                 self.arriving.lit[index] = 0;
                 continue;
             }
-            gather::<L>(self.light, self.offset, block, index, self.arriving);
+            let light = (self.light, self.from_everywhere);
+            gather::<L>(light, self.offset, block, index, self.arriving);
             self.arriving.lit[index] &= lanes;
         }
     }
@@ -75,7 +78,7 @@ impl Arriving {
 /// Finds the lanes of a block that a light gives anything, and how much.
 #[inline(always)]
 fn gather<L: Lanes>(
-    light: &Light,
+    (light, from_everywhere): (&Light, bool),
     offset: f32,
     block: &SurfaceBlock,
     index: usize,
@@ -94,7 +97,8 @@ fn gather<L: Lanes>(
     if let Some(hair) = &block.strands {
         lit = lit | (arrival.any & L::Mask::from_bits(hair.lanes));
     }
-    if !lit.any() {
+    let reached = arrival.any & L::Mask::from_bits(block.hit);
+    if !(lit.any() || from_everywhere && reached.any()) {
         return;
     }
     // Add the highlight to the diffuse colour
@@ -135,10 +139,18 @@ fn gather<L: Lanes>(
         above = V3::select(is_hair, inside, above);
     }
     let [r, g, b] = share.0;
-    out.lit[index] = (lit & zero.lt(r.max(g).max(b))).bits();
-    out.color[index] = (share * arrival.power).scale(scale).store();
-    if let Some(irradiance) = out.irradiance.get_mut(index) {
-        *irradiance = arrival.power.scale(weight * cosine).store();
+    let lit = lit & zero.lt(r.max(g).max(b));
+    let mut color = (share * arrival.power).scale(scale);
+    let mut irradiance = arrival.power.scale(weight * cosine);
+    out.lit[index] = lit.bits();
+    if from_everywhere {
+        out.lit[index] = reached.bits();
+        color = V3::select(lit, color, V3::splat([0.0; 3]));
+        irradiance = V3::select(lit, irradiance, V3::splat([0.0; 3]));
+    }
+    out.color[index] = color.store();
+    if let Some(own) = out.irradiance.get_mut(index) {
+        *own = irradiance.store();
     }
     out.start[index] = (lifted + above).store();
 }

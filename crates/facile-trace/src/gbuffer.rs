@@ -75,7 +75,7 @@ pub enum Occlusion {
 
 /// Label maps. Row 0 is the top of the image. The first surface of a pixel counts, transparent or not: a lens is labelled
 /// as a lens, and the amodal maps say what lies behind it.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct GBuffer {
     /// Depth along the optical axis, mm; infinite where nothing is hit.
     pub depth_z: Option<Plane<f32>>,

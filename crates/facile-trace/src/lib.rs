@@ -56,6 +56,7 @@ mod scratch;
 pub mod sensor;
 mod shadow_cells;
 mod sight;
+mod skips;
 mod slopes;
 mod srgb;
 mod strands;
@@ -83,5 +84,6 @@ pub use scene_file::{
     BenchRow, CostRow, SceneFile, bench_scene_cost, bench_scene_file, render_scene_file,
 };
 pub use sensor::Sensor;
+pub use skips::Skips;
 pub use view::{RenderSettings, Rendering, View, trace_view};
 pub use visibility::{Visibility, VisibilityParams, point_visibility};

@@ -158,7 +158,7 @@ mod tests {
     use crate::math::Pose;
     use crate::surface;
     use crate::whitted::{Shaded, Wanted};
-    use crate::{Backdrop, Camera, Normals, Object, Scene};
+    use crate::{Backdrop, Camera, Normals, Object, Scene, Skips};
     use approx::assert_relative_eq;
     use facile_core::{Mesh, Point3, Texture, Vector3};
     use std::sync::Arc;
@@ -286,6 +286,7 @@ mod tests {
             camera: &camera,
             lights: &lights,
             offset: 0.05,
+            skips: Skips::default(),
         };
         let params = BounceParams {
             max_depth: 4,

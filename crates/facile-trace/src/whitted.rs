@@ -18,6 +18,7 @@ use crate::material::Transmission;
 use crate::math::{Vec3, unit_or};
 use crate::scene::Scene;
 use crate::sight::Sight;
+use crate::skips::Skips;
 use crate::surface::lane;
 
 /// A scene under lights, ready to shade.
@@ -28,6 +29,7 @@ pub(crate) struct Shader<'a> {
     pub(crate) lights: &'a [Light],
     /// Distance from the surface at which rays to lights start, mm.
     pub(crate) offset: f32,
+    pub(crate) skips: Skips,
 }
 
 /// What [`Shader::shade`] is to find beside colours.
@@ -94,6 +96,7 @@ impl Shader<'_> {
                 surfaces: &points.surfaces,
                 lanes: wanted.lanes,
                 irradiance: with_irradiance,
+                from_everywhere: !self.skips.facing_away,
                 arriving: &mut shaded.arriving,
             });
             let start = Instant::now();

@@ -3,7 +3,8 @@
 mod common;
 
 use common::{
-    ambient, assert_close, camera_at, icosphere, light, render, scene_of, settings, square, wall,
+    ambient, assert_close, busy_scene, camera_at, icosphere, light, render, scene_of, settings,
+    soup, wall,
 };
 use facile_core::{Plane, Point3, Vector3};
 use facile_trace::math::Rgb;
@@ -40,28 +41,6 @@ fn threads_do_not_change_bytes() {
     assert_eq!(run(1), run(3));
 }
 
-/// Objects of all kinds: posed and not, hiding each other, with faces that coincide.
-fn busy_scene() -> Scene {
-    let mut scene = scene_of(&icosphere(60.0, 4), Normals::Smooth, [0.7, 0.5, 0.4]);
-    let eye = Object::new(&icosphere(15.0, 3), Normals::Smooth, Material::default());
-    let mut eye = eye.expect("valid");
-    let turn = nalgebra::Vector3::new(0.1, 0.3, 0.2);
-    let place = nalgebra::Vector3::new(20.0, 10.0, 55.0);
-    eye.set_pose(&facile_trace::math::Pose::new(place, turn))
-        .expect("finite");
-    scene.add(eye);
-    for _ in 0..2 {
-        let card = square(
-            Point3::new(-70.0, 30.0, 20.0),
-            Vector3::x(),
-            Vector3::y(),
-            40.0,
-        );
-        scene.add(Object::new(&card, Normals::Flat, Material::default()).expect("valid"));
-    }
-    scene
-}
-
 #[test]
 fn drawn_pixels_are_those_of_single_rays() {
     let scene = busy_scene();
@@ -84,6 +63,43 @@ fn drawn_pixels_are_those_of_single_rays() {
             }
         }
         assert!(found > 2_000, "{found}");
+    }
+}
+
+#[test]
+fn small_triangles_and_needles_are_drawn_where_their_rays_hit() {
+    // From many triangles to a pixel to many pixels to a triangle, and needles that no pixel may miss
+    for (count, stretch, size) in [(9_000, 1.0, 48), (6_000, 1.0, 150), (3_000, 40.0, 150)] {
+        let mut mesh = soup(count, 5);
+        for corners in mesh.positions.as_chunks_mut::<3>().0 {
+            let middle = (corners[0].coords + corners[1].coords + corners[2].coords) / 3.0;
+            for p in corners {
+                let mut offset = (p.coords - middle) * 0.1;
+                offset.x *= stretch;
+                offset.y /= stretch;
+                *p = Point3::from(middle + offset);
+            }
+        }
+        let scene = scene_of(&mesh, Normals::Flat, [0.5; 3]);
+        for eye in [
+            Point3::new(60.0, 10.0, 640.0),
+            Point3::new(400.0, 120.0, 410.0),
+        ] {
+            let camera = Camera::look_at(size, size, eye, Point3::origin(), Vector3::y(), 0.35);
+            let camera = camera.expect("valid");
+            let (view, _) = render(&scene, &camera, &[]);
+            let hits = view.gbuffer.hit.expect("asked for");
+            let mut found = 0;
+            for y in 0..size {
+                for x in 0..size {
+                    let ray = camera.ray([x as f64 + 0.5, y as f64 + 0.5]);
+                    let expected = scene.closest_hit(&ray, Layer::All);
+                    assert_eq!(hits[(x, y)].ok(), expected, "{stretch} {size}: {x} {y}");
+                    found += usize::from(expected.is_some());
+                }
+            }
+            assert!(20 * found > size * size, "{found}");
+        }
     }
 }
 

@@ -175,6 +175,11 @@ impl Lanes for Avx512 {
     }
 
     #[inline(always)]
+    fn prefetch<T>(v: &T) {
+        Avx2::prefetch(v);
+    }
+
+    #[inline(always)]
     fn transpose(rows: [&[f32; LANES]; LANES]) -> [Self; LANES] {
         let [a, b, c, d, e, f, g, h] = Avx2::transpose(rows);
         [

@@ -50,6 +50,9 @@ pub(crate) trait Lanes:
     fn lt(self, other: Self) -> Self::Mask;
     fn le(self, other: Self) -> Self::Mask;
     fn eq(self, other: Self) -> Self::Mask;
+    /// Asks for a value that is wanted soon.
+    #[inline(always)]
+    fn prefetch<T>(_: &T) {}
     /// Number `k` of row `j` becomes lane `j` of vector `k`.
     fn transpose(rows: [&[f32; LANES]; LANES]) -> [Self; LANES];
     /// `yes` where the mask is set, `no` elsewhere: bits are moved, so a lane may hold any.

@@ -211,6 +211,12 @@ impl Lanes for Avx2 {
     }
 
     #[inline(always)]
+    fn prefetch<T>(v: &T) {
+        // SAFETY: every x86-64 processor has SSE; a prefetch touches no memory that the program can see.
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(std::ptr::from_ref(v).cast()) }
+    }
+
+    #[inline(always)]
     fn transpose(rows: [&[f32; LANES]; LANES]) -> [Self; LANES] {
         // SAFETY: as for `splat`; every row holds eight numbers.
         unsafe {
@@ -353,6 +359,12 @@ impl Lanes for Sse2 {
                 _mm_cvtepi32_ps(_mm_cvttps_epi32(self.1)),
             )
         }
+    }
+
+    #[inline(always)]
+    fn prefetch<T>(v: &T) {
+        // SAFETY: every x86-64 processor has SSE; a prefetch touches no memory that the program can see.
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(std::ptr::from_ref(v).cast()) }
     }
 
     #[inline(always)]

@@ -10,8 +10,10 @@ use super::bench::{folder_of, root_mean_square};
 use super::render::{load_scene, load_scene_of, milliseconds};
 use super::timing::ThreadClock;
 use super::{CameraSection, SceneFile, Spread};
+use crate::bvh::Bvh;
 use crate::sampling::Samples;
 use crate::scene::Scene;
+use crate::skips::Skips;
 use crate::view::{RenderSettings, trace_view};
 use crate::{Camera, LightSource, TraceError, Truth};
 
@@ -31,12 +33,12 @@ const SHARES: [f32; 6] = [0.1, 0.03, 0.01, 3e-3, 1e-3, 0.0];
 /// One point of a curve.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CostRow {
-    /// `triangles`, `pixels` (the side of a square image), `lights`, `truth` or `cut` (the least share of light that a ray is
-    /// followed for).
+    /// `triangles`, `pixels` (the side of a square image), `lights`, `truth`, `skips` (what is left out, switched off) or `cut`
+    /// (the least share of light that a ray is followed for).
     pub curve: &'static str,
     /// The place on it.
     pub value: f64,
-    /// What was asked for, for `truth`; else empty.
+    /// What was asked for, for `truth`, or switched off, for `skips`; else empty.
     pub label: &'static str,
     /// Time of a frame of one sample a pixel, one thread, ms on a processor.
     pub ms: Spread,
@@ -67,6 +69,7 @@ pub fn bench_scene_cost(path: &Path, repeats: usize) -> Result<Vec<CostRow>, Tra
     rows.extend(bench.pixels(&scene)?);
     rows.extend(bench.lights(&scene)?);
     rows.extend(bench.truth(&scene)?);
+    rows.extend(bench.skips(&scene)?);
     rows.extend(bench.cut(&scene)?);
     Ok(rows)
 }
@@ -209,6 +212,81 @@ impl Bench<'_> {
             });
         }
         Ok(rows)
+    }
+
+    /// Frames with all savings, and with each of them switched off.
+    fn skips(&self, scene: &Scene) -> Result<Vec<CostRow>, TraceError> {
+        let lights = &self.file.light;
+        let mut rows = Vec::new();
+        let mut push = |label, ms| {
+            let value = rows.len() as f64;
+            rows.push(CostRow {
+                label,
+                ..row("skips", value, ms)
+            });
+        };
+        push(
+            "none",
+            self.frames(scene, &self.camera, &self.settings, lights)?.0,
+        );
+        for (name, skips) in Skips::each_off() {
+            let settings = RenderSettings {
+                skips,
+                ..self.settings
+            };
+            push(name, self.frames(scene, &self.camera, &settings, lights)?.0);
+        }
+        let all = RenderSettings {
+            truth: Truth::ALL,
+            ..self.settings
+        };
+        push(
+            "unasked truth",
+            self.frames(scene, &self.camera, &all, lights)?.0,
+        );
+        // Trees of a moved face, and views of a changed light, by themselves
+        let mut objects = scene.objects().to_vec();
+        push(
+            "refitted trees alone",
+            self.times(|| {
+                for o in &mut objects {
+                    o.bvh.refit(&o.geometry.positions, &o.geometry.triangles);
+                }
+                Ok(())
+            })?,
+        );
+        push(
+            "rebuilt trees alone",
+            self.times(|| {
+                for o in &mut objects {
+                    o.bvh = Bvh::build(&o.geometry.positions, &o.geometry.triangles)?;
+                }
+                Ok(())
+            })?,
+        );
+        let view = trace_view(scene, &self.camera, &self.settings)?;
+        push(
+            "a light of a kept view",
+            self.times(|| {
+                view.shade(scene, lights)
+                    .map(|image| drop(image.to_srgb8()))
+            })?,
+        );
+        Ok(rows)
+    }
+
+    /// Times of some work.
+    fn times(
+        &self,
+        mut work: impl FnMut() -> Result<(), TraceError>,
+    ) -> Result<Spread, TraceError> {
+        let mut times = Vec::with_capacity(self.repeats);
+        for _ in 0..self.repeats {
+            let start = ThreadClock::start();
+            work()?;
+            times.push(milliseconds(start.elapsed()));
+        }
+        Ok(Spread::of(times))
     }
 
     /// Empty if nothing in the scene sends out rays.

@@ -22,6 +22,9 @@ use look::{Look, texture_of};
 /// that is taken are between 0.7 and 1.4 times as far apart as rays.
 const LEVEL_BIAS: f32 = 2.0;
 
+/// Hits ahead of the one at work whose triangles are asked for: they come from a cache far away.
+const AHEAD: usize = 6 * LANES;
+
 /// The smallest level of any texture.
 const MAX_LEVEL: u32 = 15;
 
@@ -100,7 +103,14 @@ impl Kernel for Surfaces<'_> {
     fn run<L: Lanes>(self) {
         let table: &[f32; 256] = &LINEAR_FROM_SRGB8;
         let mut look = Look::default();
+        for hit in &self.hits[..self.hits.len().min(AHEAD)] {
+            ask_for::<L>(self.scene, hit);
+        }
+        let mut ahead = self.hits.chunks(LANES).skip(AHEAD / LANES);
         for (hits, directions) in self.hits.chunks(LANES).zip(self.directions.chunks(LANES)) {
+            for hit in ahead.next().unwrap_or_default() {
+                ask_for::<L>(self.scene, hit);
+            }
             let found = Found::new(self.scene, hits, directions);
             look.take(&found.materials);
             let corners = found.corners::<L>(self.scene, hits);
@@ -120,6 +130,21 @@ impl Kernel for Surfaces<'_> {
             }
             self.out.push(block);
         }
+    }
+}
+
+/// Asks for what [`Found::corners`] fetches of a hit.
+#[inline(always)]
+fn ask_for<L: Lanes>(scene: &Scene, hit: &Hit) {
+    if !hit.is_some() {
+        return;
+    }
+    let geometry = &scene.objects()[hit.object as usize].geometry;
+    for v in geometry.triangles[hit.triangle as usize] {
+        L::prefetch(&geometry.vertex_rows[v as usize]);
+    }
+    if let Some(row) = geometry.texcoord_rows.get(hit.triangle as usize) {
+        L::prefetch(row);
     }
 }
 

@@ -29,6 +29,7 @@ use crate::raster::Wanted;
 use crate::ray::{Hit, NO_OBJECT};
 use crate::sampling::{Samples, sample_offsets};
 use crate::scene::{Layer, Scene};
+use crate::skips::Skips;
 use crate::subsurface::{Skin, SkinPixel};
 
 /// How to render.
@@ -50,6 +51,8 @@ pub struct RenderSettings {
     /// staircase of the triangles; true by default. Otherwise they start above the triangle, along the shading normal, as in
     /// most ray tracers.
     pub smooth_shadows: bool,
+    /// What is left out because it changes no pixel.
+    pub skips: Skips,
 }
 
 impl Default for RenderSettings {
@@ -61,6 +64,7 @@ impl Default for RenderSettings {
             min_share: MIN_SHARE,
             offset_mm: 0.05,
             smooth_shadows: true,
+            skips: Skips::default(),
         }
     }
 }
@@ -112,7 +116,12 @@ pub fn trace_view(
     check(settings)?;
     check_lens(camera, settings.samples)?;
     let start = Instant::now();
-    let bounds = camera.pixel_bounds(scene.bounds_in_world(Layer::All));
+    let everything = [0, 0, camera.width(), camera.height()];
+    let bounds = if settings.skips.screen_bounds {
+        camera.pixel_bounds(scene.bounds_in_world(Layer::All))
+    } else {
+        Some(everything)
+    };
     let wanted = Wanted {
         behind_occluders: settings.truth.occlusion,
         further: settings.truth.layers.saturating_sub(1) as usize,

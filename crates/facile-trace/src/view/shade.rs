@@ -72,6 +72,7 @@ impl View {
             camera: &self.camera,
             lights: &lights,
             offset: self.settings.offset_mm,
+            skips: self.settings.skips,
         };
         Ok(scratch::with(&SCRATCH, |scratch| {
             self.shade_with(&shader, scratch)

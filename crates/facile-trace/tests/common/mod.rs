@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use facile_core::rng::RandomStream;
 use facile_core::{Mesh, Point3, Vector3};
-use facile_trace::math::Rgb;
+use facile_trace::math::{Pose, Rgb};
 use facile_trace::{
     Camera, LightSource, Material, Normals, Object, RenderSettings, Rendering, Samples, Scene,
     Truth, View, trace_view,
@@ -179,4 +179,25 @@ pub(crate) fn slab(low: Point3, high: Point3) -> Mesh {
         }
     }
     mesh
+}
+
+/// Objects of all kinds: posed and not, hiding each other, with faces that coincide.
+pub(crate) fn busy_scene() -> Scene {
+    let mut scene = scene_of(&icosphere(60.0, 4), Normals::Smooth, [0.7, 0.5, 0.4]);
+    let eye = Object::new(&icosphere(15.0, 3), Normals::Smooth, Material::default());
+    let mut eye = eye.expect("valid");
+    let turn = nalgebra::Vector3::new(0.1, 0.3, 0.2);
+    let place = nalgebra::Vector3::new(20.0, 10.0, 55.0);
+    eye.set_pose(&Pose::new(place, turn)).expect("finite");
+    scene.add(eye);
+    for _ in 0..2 {
+        let card = square(
+            Point3::new(-70.0, 30.0, 20.0),
+            Vector3::x(),
+            Vector3::y(),
+            40.0,
+        );
+        scene.add(Object::new(&card, Normals::Flat, Material::default()).expect("valid"));
+    }
+    scene
 }
