@@ -103,6 +103,10 @@ impl Pipeline {
         let wants = |t| image.wants(t) || !self.skips().unasked_truth;
         let settings = RenderSettings {
             samples: image.samples,
+            skips: facile_trace::Skips {
+                screen_bounds: self.skips().screen_bounds,
+                facing_away: self.skips().facing_away,
+            },
             truth: TraceTruth {
                 depth_z: wants(Truth::Depth),
                 normal_in_camera: wants(Truth::Normals),

@@ -26,13 +26,17 @@ pub struct Skips {
     pub closed_mouths: bool,
     /// Eyes behind shut lids are left out of the scene.
     pub closed_eyes: bool,
+    /// Pixels outside the projected bounds of the scene are not traced.
+    pub screen_bounds: bool,
+    /// Points that face away from a light send it no shadow ray.
+    pub facing_away: bool,
     /// Truth that the recipe does not ask for is not computed.
     pub unasked_truth: bool,
 }
 
 type Switch = fn(&mut Skips) -> &mut bool;
 
-const SWITCHES: [(&str, Switch); 10] = [
+const SWITCHES: [(&str, Switch); 12] = [
     ("cached_registrations", |s| &mut s.cached_registrations),
     ("faces_at_rest", |s| &mut s.faces_at_rest),
     ("cached_equilibria", |s| &mut s.cached_equilibria),
@@ -42,6 +46,8 @@ const SWITCHES: [(&str, Switch); 10] = [
     ("moved_scenes", |s| &mut s.moved_scenes),
     ("closed_mouths", |s| &mut s.closed_mouths),
     ("closed_eyes", |s| &mut s.closed_eyes),
+    ("screen_bounds", |s| &mut s.screen_bounds),
+    ("facing_away", |s| &mut s.facing_away),
     ("unasked_truth", |s| &mut s.unasked_truth),
 ];
 
@@ -57,6 +63,8 @@ impl Default for Skips {
             moved_scenes: true,
             closed_mouths: true,
             closed_eyes: true,
+            screen_bounds: true,
+            facing_away: true,
             unasked_truth: true,
         }
     }

@@ -40,14 +40,17 @@ pub struct HeadScene {
     detail: f32,
     /// Whether the left and the right eye are shown.
     shows_eyes: [bool; 2],
-    /// Around the mouth's opening: corners of the skin's triangles, and their weights.
-    lips: Vec<([u32; 3], [f64; 3])>,
+    /// Around the mouth's opening.
+    lips: Vec<RimPoint>,
     /// Number of objects of the head, hair and lashes included.
     parts: usize,
     hair: Option<WornHair>,
     /// What moves the lashes, and their index in the scene.
     lashes: Option<(Arc<LashFit>, usize)>,
 }
+
+/// A point of the skin: corners of a triangle, and their weights.
+type RimPoint = ([u32; 3], [f64; 3]);
 
 /// Hair of a head.
 #[derive(Clone, Debug)]
@@ -381,8 +384,8 @@ impl HeadScene {
     }
 }
 
-/// The inner border of the lips in order, on the reference's triangles.
-fn inner_lips(reference: &ReferenceHead) -> Result<Vec<([u32; 3], [f64; 3])>, TraceError> {
+/// The inner border of the lips in order.
+fn inner_lips(reference: &ReferenceHead) -> Result<Vec<RimPoint>, TraceError> {
     let scheme = reference.scheme("ibug68")?;
     let points = scheme.points.get(60..68).unwrap_or_default();
     let corners = |p: &SurfacePoint| reference.mesh.triangles[p.triangle as usize];
