@@ -1,9 +1,10 @@
 //! A person's head as a scene: skin, eyes, teeth, tongue, with materials and what moves them.
 
+mod parts;
+
 use std::sync::Arc;
 
-use facile_core::landmarks::SurfacePoint;
-use facile_core::{Eye, Isometry3, Point3, ReferenceHead, Segment, Similarity3, Subject, Texture};
+use facile_core::{Eye, Isometry3, Point3, ReferenceHead, Segment, Subject};
 use nalgebra::{Translation3, UnitQuaternion};
 
 use crate::TraceError;
@@ -12,10 +13,11 @@ use crate::clothes::ShirtFit;
 use crate::cornea;
 use crate::geometry::Normals;
 use crate::hair::{self, Cards, Hair, HairFit, LashFit, toned_scalp};
-use crate::material::{Albedo, Material};
-use crate::math::{Pose, Rgb, Vec3, pose_from_isometry, vec3_from_point};
-use crate::object::{Object, SegmentCap};
+use crate::material::Albedo;
+use crate::math::{Pose, Rgb, pose_from_isometry};
+use crate::object::Object;
 use crate::scene::Scene;
+use parts::{RimPoint, eye_object, inner_lips, mouth_object, skin_object};
 
 /// Radius of the iris over that of the eyeball, in the reference eye.
 pub const IRIS_RADIUS_SHARE: f32 = 6.0 / 15.9;
@@ -48,9 +50,6 @@ pub struct HeadScene {
     /// What moves the lashes, and their index in the scene.
     lashes: Option<(Arc<LashFit>, usize)>,
 }
-
-/// A point of the skin: corners of a triangle, and their weights.
-type RimPoint = ([u32; 3], [f64; 3]);
 
 /// Hair of a head.
 #[derive(Clone, Debug)]
@@ -384,127 +383,58 @@ impl HeadScene {
     }
 }
 
-/// The inner border of the lips in order.
-fn inner_lips(reference: &ReferenceHead) -> Result<Vec<RimPoint>, TraceError> {
-    let scheme = reference.scheme("ibug68")?;
-    let points = scheme.points.get(60..68).unwrap_or_default();
-    let corners = |p: &SurfacePoint| reference.mesh.triangles[p.triangle as usize];
-    Ok(points.iter().map(|p| (corners(p), p.barycentric)).collect())
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use facile_core::IdentityModel;
 
-fn skin_object(
-    like: Option<&Object>,
-    reference: &ReferenceHead,
-    positions: &[Point3],
-    texture: &Arc<Texture>,
-) -> Result<Object, TraceError> {
-    let mut mesh = reference.mesh.clone();
-    positions.clone_into(&mut mesh.positions);
-    let skin = Material::skin(texture.clone());
-    let lips = Material {
-        roughness: 0.4,
-        ..skin.clone()
-    };
-    let nose = Material {
-        roughness: 0.38,
-        ..skin.clone()
-    };
-    let mouth = Material {
-        roughness: 0.25,
-        aperture: Some(Aperture::default()),
-        ..skin.clone()
-    };
-    // What is painted there is cropped hair, or its roots
-    let scalp = Material {
-        specular: 0.015,
-        roughness: 0.75,
-        ..skin.clone()
-    };
-    let socket = Material {
-        exposure: 0.5,
-        ..skin.clone()
-    };
-    let is_lip = |s| matches!(s, Segment::UpperLip | Segment::LowerLip);
-    Ok(Object::like(like, &mesh, Normals::Smooth, skin)?
-        .with_material(lips, is_lip)
-        .with_material(nose, |s| s == Segment::Nose)
-        .with_material(scalp, |s| s == Segment::Scalp)
-        .with_material(mouth, |s| s == Segment::InnerMouth)
-        .with_material(socket, |s| s == Segment::EyeSocket))
-}
-
-fn part(reference: &ReferenceHead, segment: Segment) -> Result<&facile_core::Part, TraceError> {
-    reference
-        .parts
-        .iter()
-        .find(|p| p.segment == segment)
-        .ok_or_else(|| {
-            TraceError::Core(facile_core::CoreError::UnknownName {
-                kind: "part of the reference head",
-                name: segment.name().to_owned(),
-                known: reference
-                    .parts
-                    .iter()
-                    .map(|p| p.segment.name())
-                    .collect::<Vec<_>>()
-                    .join(", "),
-            })
-        })
-}
-
-/// A wet eyeball in the shade of lids and lashes: the white of an eye is not white.
-fn eye_material(texture: &Arc<Texture>) -> Material {
-    Material {
-        albedo: Albedo::Texture {
-            texture: texture.clone(),
-            tint: Rgb::new(0.8, 0.75, 0.73),
-        },
-        exposure: 0.7,
-        ..Material::wet(texture.clone())
+    /// Radius of the mouth's opening, as each material in the mouth knows it.
+    fn radii(head: &HeadScene) -> Vec<f32> {
+        let objects = head.scene.objects().iter();
+        let materials = objects.flat_map(|o| &o.materials);
+        let apertures = materials.filter_map(|m| m.aperture);
+        apertures.map(|a| a.radius).collect()
     }
-}
 
-/// An eyeball about its own centre, so that a pose turns it.
-fn eye_object(
-    like: Option<&Object>,
-    reference: &ReferenceHead,
-    (from, to): (&Eye, &Eye),
-    (segment, iris): (Segment, Segment),
-    texture: &Arc<Texture>,
-) -> Result<Object, TraceError> {
-    let mut mesh = part(reference, segment)?.mesh.clone();
-    let scale = to.radius / from.radius;
-    for p in &mut mesh.positions {
-        *p = Point3::from((*p - from.center) * scale);
+    #[test]
+    fn the_mouth_opens_with_the_lips() {
+        let reference = ReferenceHead::embedded();
+        let subject = IdentityModel::embedded()
+            .sample(reference, 1, 0)
+            .expect("samples");
+        let mut head = HeadScene::new(reference, &subject, Rgb::zeros()).expect("valid");
+        let closed = radii(&head);
+        assert_eq!(closed.len(), 4, "inner mouth, teeth and tongue");
+        assert!(closed.iter().all(|r| *r < 3.0), "{closed:?}");
+        let scheme = reference.scheme("ibug68").expect("known");
+        let lips = scheme.positions(&subject.positions, &reference.mesh.triangles);
+        let slit = (lips[62].y + lips[66].y) / 2.0;
+        let opened: Vec<Point3> = subject
+            .positions
+            .iter()
+            .map(|p| Point3::new(p.x, if p.y < slit { p.y - 20.0 } else { p.y }, p.z))
+            .collect();
+        head.set_positions(&opened).expect("finite");
+        let open = radii(&head);
+        assert!(open.iter().all(|r| *r > 8.0 && *r == open[0]), "{open:?}");
     }
-    let cap = SegmentCap {
-        center: vec3_from_point(&Point3::origin()),
-        axis: Vec3::z(),
-        cos_angle: (1.0 - IRIS_RADIUS_SHARE * IRIS_RADIUS_SHARE).sqrt(),
-        segment: iris,
-    };
-    let material = eye_material(texture);
-    Ok(Object::like(like, &mesh, Normals::Smooth, material)?.with_cap(cap))
-}
 
-fn mouth_object(
-    like: Option<&Object>,
-    reference: &ReferenceHead,
-    segment: Segment,
-    placed: &Similarity3,
-    texture: &Arc<Texture>,
-) -> Result<Object, TraceError> {
-    let mut mesh = part(reference, segment)?.mesh.clone();
-    for p in &mut mesh.positions {
-        *p = placed * *p;
+    #[test]
+    fn hidden_eyes_stay_hidden_when_the_view_comes_near() {
+        let reference = ReferenceHead::embedded();
+        let subject = IdentityModel::embedded()
+            .sample(reference, 1, 0)
+            .expect("samples");
+        let mut head = HeadScene::new(reference, &subject, Rgb::zeros()).expect("valid");
+        head.show_eyes([true, false]);
+        let shown = |head: &HeadScene| {
+            [HeadScene::LEFT_EYE, HeadScene::LEFT_CORNEA]
+                .map(|first| [0, 1].map(|k| head.scene.objects()[first + k].is_visible))
+        };
+        assert_eq!(shown(&head), [[true, false], [false, false]]);
+        head.set_closeness(0.1).expect("finite");
+        assert_eq!(shown(&head), [[true, false], [true, false]]);
+        head.show_eyes([true; 2]);
+        assert_eq!(shown(&head), [[true; 2]; 2]);
     }
-    // Enamel and mucosa, wet
-    let material = Material {
-        specular: 0.03,
-        roughness: 0.22,
-        scatter_mm: Rgb::repeat(0.3),
-        aperture: Some(Aperture::default()),
-        ..Material::skin(texture.clone())
-    };
-    Object::like(like, &mesh, Normals::Smooth, material)
 }
