@@ -11,6 +11,7 @@ use facile::Recipe;
 use facile::generate::{Options, Unwatched, generate};
 use facile::pipeline::{Pipeline, Worker};
 use facile::plan::Grid;
+use facile::recipe::Optics;
 use facile::units::Part;
 use facile::write::{Encoder, merge};
 
@@ -296,4 +297,94 @@ fn what_is_drawn_is_added_to_the_expression_within_what_a_face_can_do() {
     }
     gazes.dedup();
     assert!(gazes.len() > 5, "{gazes:?}");
+}
+
+#[test]
+fn lenses_and_projections_are_drawn() {
+    let text = RECIPE
+        .replace("count = 43", "count = 1200")
+        .replace("samples = 1", "samples = 4")
+        .replace(
+            "[sampling.light]",
+            "projection = { perspective = 3, orthographic = 1 }\naperture_mm = { choice = [0, 30] }\n\
+             focus_mm = { uniform = [500, 900] }\n\n[sampling.light]",
+        );
+    let recipe = recipe(&text);
+    let (mut parallel, mut open) = (Vec::new(), Vec::new());
+    let mut nearest = f64::MAX;
+    // Two lightings share a view
+    for index in (0..1200).step_by(2) {
+        match recipe.scene(index).expect("draws").view.optics {
+            Optics::Pinhole => {}
+            Optics::Orthographic => parallel.push(index),
+            Optics::Lens { aperture, focus } => {
+                let focus = focus.expect("drawn");
+                assert!(aperture == 30.0 && (500.0..=900.0).contains(&focus));
+                nearest = nearest.min(focus);
+                open.push(index);
+            }
+        }
+    }
+    assert!((120..=180).contains(&parallel.len()), "{}", parallel.len());
+    assert!((190..=260).contains(&open.len()), "{}", open.len());
+    assert!(nearest < 520.0, "{nearest}");
+    // What is drawn is what is rendered and recorded
+    let (parallel, open) = (parallel[0], open[0]);
+    let pipeline = Arc::new(Pipeline::new(recipe).unwrap_or_else(|e| panic!("{e}")));
+    let camera = |index: u64| {
+        let sample = Worker::new(pipeline.clone()).sample(index);
+        sample.unwrap_or_else(|e| panic!("{e}")).record.camera
+    };
+    let of = camera(parallel);
+    assert_eq!(
+        (of.projection, of.aperture_mm),
+        (Some("orthographic"), None)
+    );
+    let of = camera(open);
+    assert_eq!((of.projection, of.aperture_mm), (None, Some(30.0)));
+    assert!(of.focus_mm.is_some_and(|mm| (500.0..=900.0).contains(&mm)));
+}
+
+#[test]
+fn errors_point_at_what_is_wrong_in_a_drawn_lens() {
+    let parallel = "[[view]]\nprojection = \"orthographic\"\n\n[sampling]";
+    for (from, to, expected) in [
+        ("", "aperture_mm = { uniform = [0, 20] }", "from 2 on"),
+        (
+            "samples = 4",
+            "focus_mm = { uniform = [500, 900] }",
+            "everything is in focus",
+        ),
+        (
+            parallel,
+            "aperture_mm = { uniform = [0, 20] }",
+            "an orthographic view has no lens",
+        ),
+        (
+            "samples = 4",
+            "aperture_mm = { uniform = [0, 200] }",
+            "aperture_mm must be from 0 to 100",
+        ),
+        (
+            "samples = 4",
+            "projection = { perspective = 0 }",
+            "at least one weight must be over 0",
+        ),
+        (
+            "samples = 4",
+            "projection = { parallel = 1 }",
+            "unknown key `parallel`",
+        ),
+    ] {
+        let mut text = RECIPE.replace("[sampling.light]", &format!("{to}\n\n[sampling.light]"));
+        if from == parallel {
+            text = text.replace("[sampling]", parallel);
+        } else if !from.is_empty() {
+            text = text.replace("samples = 1", from);
+        }
+        let error = Recipe::parse(&text, Path::new("r.toml"), Path::new("")).expect_err(to);
+        let message = error.to_string();
+        assert!(message.contains(expected), "{to}: {message}");
+        assert!(message.starts_with("r.toml:"), "no place: {message}");
+    }
 }

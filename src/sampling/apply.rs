@@ -8,7 +8,7 @@ use facile_sim::pose::{MAX_LATERAL_MM, MAX_OPEN_RAD, MAX_PROTRUSION_MM};
 use super::{Drawn, Quantity, Sampling, Stage};
 use crate::Error;
 use crate::recipe::file::{Attach, LightTable, SourceKind};
-use crate::recipe::{Expression, Lighting, Occluder, Recipe, View, drawn_lighting};
+use crate::recipe::{Expression, Lighting, Occluder, Optics, Recipe, View, drawn_lighting};
 
 /// Eyes turn no further, rad.
 const MAX_GAZE: f64 = 40.0 * std::f64::consts::PI / 180.0;
@@ -44,17 +44,23 @@ pub(super) fn scene<'a>(
             .collect()
     };
     let view_values = named(Stage::View, view);
+    // The last list of a view's draws
+    let is_drawn = sampling.has_projection;
+    let projection = view.picks.last().copied().filter(|_| is_drawn);
     Ok(Scene {
         subject,
         expression: expression(
             &recipe.expressions[pose.picks[0]],
             &named(Stage::Pose, pose),
         )?,
-        view: seen(recipe.views[view.picks[0]], &view_values),
+        view: seen(recipe.views[view.picks[0]], &view_values, projection),
         occluder: occluder(
             &recipe.occluders[view.picks[1]],
             &view_values,
-            view.picks.get(2).map(|i| sampling.occluder_colors[*i]),
+            view.picks
+                .get(2)
+                .and_then(|i| sampling.occluder_colors.get(*i))
+                .copied(),
         ),
         lighting: lighting(recipe, light.picks[0], &named(Stage::Light, light))?,
     })
@@ -104,7 +110,9 @@ fn expression<'a>(
     Ok(Cow::Owned(out))
 }
 
-fn seen(mut view: View, values: &[(&str, f64)]) -> View {
+/// A view with the numbers and the projection drawn, 0 for perspective and 1 for parallel rays.
+fn seen(mut view: View, values: &[(&str, f64)], projection: Option<usize>) -> View {
+    view.optics = optics(view.optics, values, projection);
     for (name, v) in values {
         match *name {
             "yaw_deg" => view.yaw = v.to_radians(),
@@ -118,6 +126,26 @@ fn seen(mut view: View, values: &[(&str, f64)]) -> View {
         }
     }
     view
+}
+
+fn optics(own: Optics, values: &[(&str, f64)], projection: Option<usize>) -> Optics {
+    let value = |name: &str| values.iter().find(|(n, _)| *n == name).map(|(_, v)| *v);
+    let is_parallel = projection.map_or(own == Optics::Orthographic, |pick| pick == 1);
+    if is_parallel {
+        return Optics::Orthographic;
+    }
+    let (own_aperture, own_focus) = match own {
+        Optics::Lens { aperture, focus } => (aperture, focus),
+        Optics::Pinhole | Optics::Orthographic => (0.0, None),
+    };
+    let aperture = value("aperture_mm").unwrap_or(own_aperture);
+    if aperture <= 0.0 {
+        return Optics::Pinhole;
+    }
+    Optics::Lens {
+        aperture,
+        focus: value("focus_mm").or(own_focus),
+    }
 }
 
 /// An occluder with what was drawn of it, as far as its kind has it.

@@ -31,6 +31,14 @@ pub enum Distribution {
 }
 
 impl Distribution {
+    /// The largest value.
+    pub(crate) fn largest(&self) -> f64 {
+        match self {
+            Self::Uniform { high, .. } | Self::Normal { high, .. } => *high,
+            Self::Choice { values, .. } => values.iter().copied().fold(f64::MIN, f64::max),
+        }
+    }
+
     /// The value below which a share `u` in `[0, 1)` of the distribution lies.
     pub fn at(&self, u: f64) -> f64 {
         match self {

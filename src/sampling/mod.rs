@@ -90,6 +90,8 @@ pub struct Sampling {
     pub constraints: Vec<Constraint>,
     /// sRGB colours of occluders; their own if there are none.
     pub occluder_colors: Vec<[u8; 3]>,
+    /// Whether projections are drawn, too: 0 through one point, 1 in parallel.
+    pub has_projection: bool,
 }
 
 /// What one stage drew.

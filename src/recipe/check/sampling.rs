@@ -5,15 +5,17 @@ use std::ops::RangeInclusive;
 
 use facile_sim::pose::{MAX_LATERAL_MM, MAX_OPEN_RAD, MAX_PROTRUSION_MM};
 use facile_sim::{MuscleSet, Pose};
+use facile_trace::Samples;
 
 use super::expression::{MAX_GAZE_DEG, sim_problem};
 use super::value::in_range;
+use super::view::lens_problem;
 use crate::Error;
 use crate::recipe::file::sampling::{
-    ConstraintTable, DistributionTable, PatternWord, SamplingTable,
+    ConstraintTable, DistributionTable, PatternWord, SampledViewTable, SamplingTable,
 };
 use crate::recipe::problem::{Place, Problem};
-use crate::recipe::settings::Recipe;
+use crate::recipe::settings::{Optics, Recipe, View};
 use crate::sampling::{
     Constraint, Distribution, Draws, Pattern, Quantity, Sampling, Stage, Weights,
 };
@@ -71,6 +73,7 @@ pub(crate) fn sampling(
         draws,
         constraints: Vec::new(),
         occluder_colors: table.occluder.colors.clone(),
+        has_projection: table.view.projection.is_some(),
     };
     let names = Names::of(recipe);
     for (i, constraint) in table.constraints.iter().enumerate() {
@@ -248,6 +251,10 @@ fn views_drawn(table: &SamplingTable, recipe: &Recipe, place: &Place) -> Result<
     quantities.add("distance_mm", drawn.distance_mm.as_ref(), 150.0..=1e5)?;
     quantities.add("shift_x", drawn.shift_x.as_ref(), -1.0..=1.0)?;
     quantities.add("shift_y", drawn.shift_y.as_ref(), -1.0..=1.0)?;
+    quantities.add("aperture_mm", drawn.aperture_mm.as_ref(), 0.0..=100.0)?;
+    quantities.add("focus_mm", drawn.focus_mm.as_ref(), 10.0..=1e5)?;
+    let projections = projections(drawn, recipe, &view_place)?;
+    check_drawn_lens(&quantities.list, recipe, &view_place)?;
     let mut list = quantities.list;
     let drawn = &table.occluder;
     let mut quantities = Quantities {
@@ -269,10 +276,54 @@ fn views_drawn(table: &SamplingTable, recipe: &Recipe, place: &Place) -> Result<
     if !drawn.colors.is_empty() {
         picks.push(Weights::equal(drawn.colors.len()));
     }
+    picks.extend(projections);
     Ok(Draws {
         picks,
         quantities: list,
     })
+}
+
+/// Weights of perspective and parallel rays, if they are drawn.
+fn projections(
+    table: &SampledViewTable,
+    recipe: &Recipe,
+    place: &Place,
+) -> Result<Option<Weights>, Problem> {
+    let has_lens = |view: &View| matches!(view.optics, Optics::Lens { .. });
+    let is_parallel = |view: &View| view.optics == Optics::Orthographic;
+    if let Some(given) = &table.projection {
+        let place = place.key("projection");
+        let list = [given.perspective, given.orthographic];
+        for (key, weight) in ["perspective", "orthographic"].into_iter().zip(list) {
+            in_range(weight, 0.0..=1e9, "a weight", &place.key(key))?;
+        }
+        let weights = Weights::new(&list);
+        return weights
+            .map(Some)
+            .ok_or_else(|| place.problem("at least one weight must be over 0"));
+    }
+    if table.aperture_mm.is_some() && recipe.views.iter().all(is_parallel) {
+        return Err(place
+            .key("aperture_mm")
+            .problem("an orthographic view has no lens"));
+    }
+    if table.focus_mm.is_some() && table.aperture_mm.is_none() && !recipe.views.iter().any(has_lens)
+    {
+        return Err(place
+            .key("focus_mm")
+            .problem("without aperture_mm everything is in focus"));
+    }
+    Ok(None)
+}
+
+/// As [`super::view::check_lenses`] for openings that are drawn.
+fn check_drawn_lens(drawn: &[Quantity], recipe: &Recipe, place: &Place) -> Result<(), Problem> {
+    let aperture = drawn.iter().find(|q| q.name == "aperture_mm");
+    let is_open = aperture.is_some_and(|q| q.distribution.largest() > 0.0);
+    if !is_open || matches!(recipe.image.samples, Samples::Count(2..)) {
+        return Ok(());
+    }
+    Err(lens_problem(&place.key("aperture_mm")))
 }
 
 fn lights_drawn(table: &SamplingTable, recipe: &Recipe, place: &Place) -> Result<Draws, Problem> {

@@ -115,12 +115,15 @@ pub(crate) fn check_lenses(
     }
     match tables.iter().position(|t| t.aperture_mm != 0.0) {
         None => Ok(()),
-        Some(i) => {
-            let message = "a lens needs the same number of samples in each pixel, from 2 on";
-            let problem = place.index(i).key("aperture_mm").problem(message);
-            Err(problem.help("set image.samples to a number, such as 32"))
-        }
+        Some(i) => Err(lens_problem(&place.index(i).key("aperture_mm"))),
     }
+}
+
+/// Too few samples for a lens.
+pub(super) fn lens_problem(place: &Place) -> Problem {
+    let message = "a lens needs the same number of samples in each pixel, from 2 on";
+    let problem = place.problem(message);
+    problem.help("set image.samples to a number, such as 32")
 }
 
 pub(crate) fn jpeg_quality(table: &SensorTable, place: &Place) -> Result<Option<u8>, Problem> {

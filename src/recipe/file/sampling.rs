@@ -131,6 +131,25 @@ pub struct SampledViewTable {
     /// Motion of the image's content downwards, as a share of the image's height, from -1 to 1.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub shift_y: Option<DistributionTable>,
+    /// How often rays come in through one point and how often in parallel; as the view says if not given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub projection: Option<ProjectionWeights>,
+    /// Diameter of the lens's opening, from 0, for a pinhole, to 100 mm. Views of parallel rays have no lens.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub aperture_mm: Option<DistributionTable>,
+    /// Depth in focus of views with a lens, from 10 to 100,000 mm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub focus_mm: Option<DistributionTable>,
+}
+
+/// How often each projection comes relative to the other; one must be over 0.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct ProjectionWeights {
+    /// Through one point.
+    pub perspective: f64,
+    /// In parallel.
+    pub orthographic: f64,
 }
 
 /// `[sampling.light]`: an entry of `[[light]]`, turned, moved and made stronger or weaker as a whole. Sources that are
