@@ -408,7 +408,7 @@ mod tests {
         assert!(closed.iter().all(|r| *r < 3.0), "{closed:?}");
         let scheme = reference.scheme("ibug68").expect("known");
         let lips = scheme.positions(&subject.positions, &reference.mesh.triangles);
-        let slit = (lips[62].y + lips[66].y) / 2.0;
+        let slit = f64::midpoint(lips[62].y, lips[66].y);
         let opened: Vec<Point3> = subject
             .positions
             .iter()
