@@ -134,3 +134,29 @@ fn a_population_that_is_too_small_is_refused_with_the_numbers() {
     );
     assert!(!dir.path().join("head").exists());
 }
+
+#[test]
+fn a_pose_takes_degrees_and_says_what_is_allowed() {
+    let dir = tempfile::tempdir().expect("makes");
+    let base = ["pose", "builtin:emi", "-o", "emi.glb"];
+    let run = |more: &[&str]| facile(dir.path(), &[&base, more].concat());
+    let output = run(&["--gaze", "-12,5", "--report", "emi.json"]);
+    assert_eq!(output.status.code(), Some(0), "{output:?}");
+    let report = std::fs::read(dir.path().join("emi.json")).expect("written");
+    let report: serde_json::Value = serde_json::from_slice(&report).expect("JSON");
+    let yaw = report["pose"]["gaze"]["yaw_rad"]
+        .as_f64()
+        .expect("a number");
+    assert!((yaw.to_degrees() + 12.0).abs() < 1e-9, "{yaw}");
+    for (more, wanted) in [
+        (["--jaw", "90"], "from 0 to 40"),
+        (["--gaze", "50,0"], "from -40 to 40"),
+        (["--gaze", "5"], "YAW,PITCH"),
+        (["--intensity", "2"], "from 0 to 1"),
+    ] {
+        let output = run(&more);
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{errors}");
+        assert!(errors.contains(wanted), "{errors}");
+    }
+}

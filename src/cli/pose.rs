@@ -22,26 +22,35 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "NAME")]
     expression: Option<String>,
     /// Intensity from 0 to 1 of the whole.
-    #[arg(long, value_name = "I", default_value_t = 1.0)]
+    #[arg(long, value_name = "I", default_value_t = 1.0, value_parser = |t: &str| number(t, 0.0, 1.0))]
     intensity: f64,
-    /// Opening of the jaw in degrees.
-    #[arg(long = "jaw", value_name = "DEG", default_value_t = 0.0)]
+    /// Opening of the jaw in degrees, 0 to 40.
+    #[arg(long = "jaw", value_name = "DEG", default_value_t = 0.0, value_parser = |t: &str| number(t, 0.0, 40.0))]
     jaw_deg: f64,
-    /// Gaze in degrees: towards the subject's left, upwards.
-    #[arg(
-        long = "gaze",
-        value_name = "YAW,PITCH",
-        value_delimiter = ',',
-        num_args = 2,
-        allow_negative_numbers = true
-    )]
-    gaze_deg: Option<Vec<f64>>,
+    /// Gaze in degrees, each -40 to 40: towards the subject's left, upwards.
+    #[arg(long = "gaze", value_name = "YAW,PITCH", allow_hyphen_values = true, value_parser = gaze)]
+    gaze_deg: Option<[f64; 2]>,
     /// GLB to write.
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
     /// JSON report to write: pose, certificate, muscle lengths.
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
+}
+
+/// A number in a range.
+fn number(text: &str, low: f64, high: f64) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|e| format!("{e}"))?;
+    if (low..=high).contains(&value) {
+        Ok(value)
+    } else {
+        Err(format!("must be from {low} to {high}"))
+    }
+}
+
+fn gaze(text: &str) -> Result<[f64; 2], String> {
+    let (yaw, pitch) = text.split_once(',').ok_or("expected YAW,PITCH")?;
+    Ok([number(yaw, -40.0, 40.0)?, number(pitch, -40.0, 40.0)?])
 }
 
 fn name_value(text: &str) -> Result<(String, f64), String> {
@@ -77,13 +86,14 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<u8> {
 
 fn pose(arguments: &Arguments) -> Result<Pose, SimError> {
     let muscles = MuscleSet::embedded();
+    let [gaze_yaw_deg, gaze_pitch_deg] = arguments.gaze_deg.unwrap_or_default();
     let mut pose = Expression {
         name: "command line".to_owned(),
         muscles: arguments.muscles.iter().cloned().collect(),
         action_units: arguments.action_units.iter().cloned().collect(),
         jaw_deg: arguments.jaw_deg,
-        gaze_yaw_deg: arguments.gaze_deg.as_ref().map_or(0.0, |g| g[0]),
-        gaze_pitch_deg: arguments.gaze_deg.as_ref().map_or(0.0, |g| g[1]),
+        gaze_yaw_deg,
+        gaze_pitch_deg,
         ..Expression::default()
     }
     .pose(muscles)?;

@@ -52,11 +52,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<u8> {
         limit: arguments.limit,
     };
     let picture = sheet(&arguments.dataset, &settings)?;
-    picture.save(&arguments.output)?;
+    let path = arguments.output.display();
+    picture
+        .save(&arguments.output)
+        .map_err(|e| anyhow::anyhow!("{path}: {e}"))?;
     let (width, height) = picture.dimensions();
-    output::note(&format!(
-        "{}: {width} x {height}",
-        arguments.output.display()
-    ));
+    output::note(&format!("{path}: {width} x {height}"));
     Ok(DONE)
 }
