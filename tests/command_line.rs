@@ -144,9 +144,7 @@ fn a_pose_takes_degrees_and_says_what_is_allowed() {
     assert_eq!(output.status.code(), Some(0), "{output:?}");
     let report = std::fs::read(dir.path().join("emi.json")).expect("written");
     let report: serde_json::Value = serde_json::from_slice(&report).expect("JSON");
-    let yaw = report["pose"]["gaze"]["yaw_rad"]
-        .as_f64()
-        .expect("a number");
+    let yaw = report["gaze"]["yaw_rad"].as_f64().expect("a number");
     assert!((yaw.to_degrees() + 12.0).abs() < 1e-9, "{yaw}");
     for (more, wanted) in [
         (["--jaw", "90"], "from 0 to 40"),

@@ -17,6 +17,8 @@ pub(crate) struct EdgeSprings<'a> {
     /// By lane: skin, fascia, skin `a` to fascia `b`, skin `b` to fascia `a`.
     pub(crate) stiffness: &'a [Lanes],
     pub(crate) rest_length: &'a [Lanes],
+    /// Most that each of an edge's springs pushes, over its length.
+    pub(crate) brace: &'a [f64],
     /// The skin's nodes, then the fascia's.
     pub(crate) x: &'a [V3],
     /// Receives the gradient on top of what is there.
@@ -32,8 +34,8 @@ impl Kernel for EdgeSprings<'_> {
         let (skin, fascia) = self.x.split_at(n);
         let (on_skin, on_fascia) = self.gradient.split_at_mut(n);
         let mut energy = [0.0; LANES];
-        let springs = self.stiffness.iter().zip(self.rest_length);
-        for (&[a, b], (k, rest)) in self.edges.iter().zip(springs) {
+        let springs = self.stiffness.iter().zip(self.rest_length).zip(self.brace);
+        for (&[a, b], ((k, rest), &brace)) in self.edges.iter().zip(springs) {
             let (a, b) = (a as usize, b as usize);
             let (p, q, u, v) = (skin[a], skin[b], fascia[a], fascia[b]);
             let mut d = [[0.0; LANES]; 3];
@@ -43,16 +45,21 @@ impl Kernel for EdgeSprings<'_> {
             let length =
                 lanes(|l| (d[0][l] * d[0][l] + d[1][l] * d[1][l] + d[2][l] * d[2][l]).sqrt());
             let stretch = lanes(|l| length[l] - rest[l]);
-            let force = lanes(|l| k[l] * stretch[l]);
-            energy = lanes(|l| energy[l] + force[l] * stretch[l]);
             let pull = lanes(|l| {
                 let floor = if length[l] > MIN_LENGTH_MM {
                     length[l]
                 } else {
                     MIN_LENGTH_MM
                 };
-                force[l] / floor
+                k[l] * stretch[l] / floor
             });
+            energy = lanes(|l| {
+                let straight = k[l] * stretch[l] * stretch[l];
+                let highest = k[l] * rest[l] * rest[l] / (k[l] + brace);
+                let buckled = brace * (highest - length[l] * length[l]);
+                energy[l] + if pull[l] < -brace { buckled } else { straight }
+            });
+            let pull = lanes(|l| if pull[l] < -brace { -brace } else { pull[l] });
             for c in 0..3 {
                 let f = lanes(|l| d[c][l] * pull[l]);
                 on_skin[a][c] += f[0] + f[2];
@@ -192,6 +199,7 @@ mod tests {
                 edges: &model.template.edges,
                 stiffness: &load.stiffness,
                 rest_length: &load.rest_length,
+                brace: &model.springs.brace,
                 x,
                 gradient,
             };

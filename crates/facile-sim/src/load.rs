@@ -137,6 +137,7 @@ impl<'a> Load<'a> {
             edges: &self.model.template.edges,
             stiffness: &self.stiffness,
             rest_length: &self.rest_length,
+            brace: &self.model.springs.brace,
             x,
             gradient,
         });
@@ -158,13 +159,10 @@ impl<'a> Load<'a> {
         for i in 0..n {
             let d = sub(x[i], x[n + i]);
             let length = norm(d);
-            let stretch = length - springs.vertical_length[i];
-            let force = springs.vertical_stiffness * stretch;
-            // A spring of no length has no direction: its force is left out.
-            let pull = if length > 1e-9 { force / length } else { 0.0 };
+            let (spring, pull) = springs.vertical(i, length);
             let hold = sub(x[n + i], self.anchors[i]);
             let k = self.attachment[i];
-            energy += force * stretch + k * dot(hold, hold);
+            energy += spring + k * dot(hold, hold);
             gradient[i] = add_scaled(gradient[i], d, pull);
             let below = add_scaled(gradient[n + i], d, -pull);
             gradient[n + i] = add_scaled(below, hold, k);
@@ -278,5 +276,62 @@ mod tests {
         assert_eq!(a.rest_length, b.rest_length);
         assert_eq!(a.attachment, b.attachment);
         assert_ne!(a.stiffness, model.springs.stiffness, "one muscle pulls");
+    }
+
+    #[test]
+    fn without_volume_the_energy_is_convex() {
+        let reference = ReferenceHead::embedded();
+        let muscles = MuscleSet::embedded();
+        let rig = FaceRig::new(reference, muscles).expect("built in");
+        let params = crate::PaperParams {
+            volume_stiffness: 0.0,
+            ..crate::PaperParams::default()
+        };
+        let model = rig
+            .model_with(reference, &crate::mean_subject(reference), params)
+            .expect("the mean head");
+        let mut pose = Pose::default();
+        for muscle in muscles.muscles() {
+            pose.set(muscles, &muscle.name, 0.7).expect("known");
+        }
+        pose.jaw.open_rad = 0.2;
+        let load = Load::new(&model, &pose).expect("valid");
+        let mut scratch = vec![[0.0; 3]; load.carried.len()];
+        // Crumpled more and more, from nearly at rest to nodes in any order: most springs are compressed somewhere.
+        for trial in 0..24usize {
+            let size = 0.02 * f64::powi(1.4, trial as i32);
+            let crumpled = |seed: usize| -> Vec<V3> {
+                let moved = load.carried.iter().enumerate();
+                moved
+                    .map(|(i, p)| [0, 1, 2].map(|k| p[k] + size * noise(3 * i + k + seed)))
+                    .collect()
+            };
+            let (x, y) = (crumpled(17 * trial), crumpled(17 * trial + 101));
+            let mut at = |t: f64| {
+                let between = x.iter().zip(&y);
+                let z: Vec<V3> = between
+                    .map(|(p, q)| [0, 1, 2].map(|k| (1.0 - t) * p[k] + t * q[k]))
+                    .collect();
+                load.energy(&z, &mut scratch)
+            };
+            let along: Vec<f64> = (0..=16).map(|k| at(f64::from(k) / 16.0)).collect();
+            for three in along.windows(3) {
+                let bend = three[0] + three[2] - 2.0 * three[1];
+                assert!(bend >= -1e-12 * three[1], "size {size}: {bend}");
+            }
+        }
+        // Two neighbours alone, from either side of each other: where an unbraced spring stands in the way.
+        let n = model.template.node_count();
+        for (e, &[a, b]) in model.template.edges.iter().enumerate().take(400) {
+            let (i, j) = (n + a as usize, n + b as usize);
+            let mut x = load.carried.clone();
+            let (p, q) = (x[i], x[j]);
+            let mut at = |t: f64| {
+                (x[i], x[j]) = (add_scaled(p, sub(q, p), t), add_scaled(q, sub(p, q), t));
+                load.energy(&x, &mut scratch)
+            };
+            let [low, middle, high] = [0.45, 0.5, 0.55].map(&mut at);
+            assert!(low + high - 2.0 * middle >= -1e-9 * middle, "edge {e}");
+        }
     }
 }

@@ -24,7 +24,8 @@ use crate::springs::Springs;
 use crate::template::Template;
 use crate::vector::{V3, from_point, norm, sub, unit};
 
-/// Fascia whose normal is closer than this (cosine) to perpendicular to the radius has no contact with the field.
+/// Where the fascia's normal or the field's is closer than this (cosine) to perpendicular to the radius, nothing touches
+/// the field.
 const MIN_FACING: f64 = 0.25;
 /// Skin per node of the paper's mesh, mm^2: under 4,000 nodes on a face of about 480 cm^2.
 const PAPER_NODE_AREA_MM2: f64 = 12.0;
@@ -313,7 +314,9 @@ fn contacts(
         let facing = sub(skin, fascia);
         let faces_out = (facing[0] * radial[0] + facing[2] * radial[2]) > MIN_FACING * norm(facing);
         let is_off_axis = fascia[0].hypot(fascia[2]) > MIN_RADIUS_MM;
-        if !lid && faces_out && is_off_axis && template.moving[n + node] {
+        // At the lower border of the jaw the field is a cliff: nodes would rest on either side of it.
+        let is_no_cliff = 1.0 / norm(gradient) > MIN_FACING;
+        if !lid && faces_out && is_no_cliff && is_off_axis && template.moving[n + node] {
             out.skull.push(SkullContact {
                 node: (n + node) as u32,
                 cage,

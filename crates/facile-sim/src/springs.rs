@@ -1,4 +1,12 @@
-//! The springs of the three layers at rest (section 4.1).
+//! The springs of the three layers at rest (section 4.1), and how they buckle.
+//!
+//! A compressed spring pushes its ends aside, the more the shorter it is, without bound: `k (1 - l / L)` for a rest length
+//! `l` and a length `L`. Between nodes a few tenths of a millimetre apart, at the rims of lips and lids, that push is
+//! stronger than all that holds them, and they have two places, to either side. So a spring pushes with `brace L` at most,
+//! as a strut does that buckles, and the brace of all springs together is what the shape term holds:
+//! `k_s sum |x_i - c|^2 / 2` of a prism is `k_s / 6` for each of its 15 pairs of nodes, and springs join those very pairs. With its
+//! energy below the limit, `brace (k l^2 / (k + brace) - L^2) / 2`, the concave part of every spring is made up for by shape,
+//! and the energy of springs, attachments, shape and lips is convex: it has one minimum, wherever a solver comes from.
 
 use crate::params::PaperParams;
 use crate::simd::{LANES, Lanes};
@@ -10,6 +18,9 @@ const MIN_LENGTH_SHARE: f64 = 1e-3;
 /// Range of Van Gelder's factor; on the reference head it is 0.25 to 2.4 away from slivers.
 const FACTOR_RANGE: (f64, f64) = (0.05, 5.0);
 
+/// A prism's shape resists the motion of each pair of its nodes against each other by this part of `k_s`.
+const NODES_OF_A_PRISM: f64 = 6.0;
+
 /// The springs along each edge of the mesh, by lane: in the skin, in the fascia, from the skin's first end to the fascia's
 /// second, from the skin's second end to the fascia's first; and those between skin and fascia of each node.
 #[derive(Clone, Debug, Default)]
@@ -18,6 +29,10 @@ pub(crate) struct Springs {
     pub(crate) rest_length: Vec<Lanes>,
     pub(crate) vertical_stiffness: f64,
     pub(crate) vertical_length: Vec<f64>,
+    /// The most that each of an edge's four springs pushes, over its length.
+    pub(crate) brace: Vec<f64>,
+    /// Likewise for the springs between skin and fascia.
+    pub(crate) vertical_brace: Vec<f64>,
 }
 
 /// Lane of an edge's spring in the fascia.
@@ -35,6 +50,7 @@ impl Springs {
         let factors = van_gelder(&template.triangles, &template.edges, &rest[..n]);
         let length = |[a, b]: [u32; 2]| norm(sub(rest[a as usize], rest[b as usize]));
         let crossed = params.skin_fascia_stiffness;
+        let (brace, vertical_brace) = braces(template, params);
         Self {
             stiffness: factors
                 .iter()
@@ -48,10 +64,44 @@ impl Springs {
                 .iter()
                 .map(|e| ends(*e, n as u32).map(length))
                 .collect(),
+            brace,
+            vertical_brace,
             vertical_stiffness: crossed,
             vertical_length: (0..n as u32).map(|i| length([i, n as u32 + i])).collect(),
         }
     }
+}
+
+impl Springs {
+    /// Twice the energy and the pull over length of the spring between skin and fascia of node `i`.
+    pub(crate) fn vertical(&self, i: usize, length: f64) -> (f64, f64) {
+        let (k, rest) = (self.vertical_stiffness, self.vertical_length[i]);
+        let stretch = length - rest;
+        let pull = k * stretch / length.max(1e-9);
+        let brace = self.vertical_brace[i];
+        if pull < -brace {
+            let highest = k * rest * rest / (k + brace);
+            (brace * (highest - length * length), -brace)
+        } else {
+            (k * stretch * stretch, pull)
+        }
+    }
+}
+
+/// What the shape of the prisms around an edge, and around a node, has to brace a spring with: `k_s / 6` for each prism.
+fn braces(template: &Template, params: &PaperParams) -> (Vec<f64>, Vec<f64>) {
+    let share = params.shape_stiffness / NODES_OF_A_PRISM;
+    let mut edges = vec![0.0; template.edges.len()];
+    let mut columns = vec![0.0; template.node_count()];
+    for &[a, b, c] in &template.triangles {
+        for [u, v] in [[a, b], [b, c], [c, a]] {
+            if let Ok(e) = template.edges.binary_search(&[u.min(v), u.max(v)]) {
+                edges[e] += share;
+            }
+            columns[u as usize] += share;
+        }
+    }
+    (edges, columns)
 }
 
 /// Van Gelder's factor of each edge: the area of its triangles over its squared length. Multiplied by a membrane's

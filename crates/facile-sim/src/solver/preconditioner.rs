@@ -217,7 +217,8 @@ impl Preconditioner {
 pub(crate) enum Hessian {
     /// All of them: indefinite far from rest.
     Exact,
-    /// Without the sideways push of compressed springs and the bending of prisms under pressure: never indefinite.
+    /// Without the sideways push of compressed springs, those that buckle as stiff along as they were straight, and
+    /// without the bending of prisms under pressure: never indefinite.
     Positive,
 }
 
@@ -249,16 +250,17 @@ impl Assembly<'_> {
         let n = self.load.attachment.len();
         let edges = model.template.edges.iter().zip(&system.edges);
         let springs = self.load.stiffness.iter().zip(&self.load.rest_length);
-        for ((edge, slots), (k, rest)) in edges.zip(springs) {
+        let springs = springs.zip(&model.springs.brace);
+        for ((edge, slots), ((k, rest), &brace)) in edges.zip(springs) {
             for (l, pair) in ends(*edge, n as u32).into_iter().enumerate() {
-                self.add_spring(pair, slots[l], k[l], rest[l]);
+                self.add_spring(pair, slots[l], [k[l], rest[l], brace]);
             }
         }
         let springs = &model.springs;
         for (i, &slot) in system.columns.iter().enumerate() {
             let pair = [i as u32, (n + i) as u32];
-            let rest = springs.vertical_length[i];
-            self.add_spring(pair, slot, springs.vertical_stiffness, rest);
+            let (rest, brace) = (springs.vertical_length[i], springs.vertical_brace[i]);
+            self.add_spring(pair, slot, [springs.vertical_stiffness, rest, brace]);
         }
         for (i, &hold) in self.load.attachment.iter().enumerate() {
             let slot = system.diagonal[n + i];
@@ -267,15 +269,17 @@ impl Assembly<'_> {
     }
 
     #[inline(always)]
-    fn add_spring(&mut self, [a, b]: [u32; 2], slot: u32, k: f64, rest: f64) {
+    fn add_spring(&mut self, [a, b]: [u32; 2], slot: u32, [k, rest, brace]: [f64; 3]) {
         let system = &self.load.model.template.pattern;
         let d = sub(self.x[a as usize], self.x[b as usize]);
         let length = norm(d).max(1e-9);
-        let mut across = k * (1.0 - rest / length);
-        if self.hessian == Hessian::Positive {
-            across = across.max(0.0);
-        }
-        let along = (k - across) / (length * length);
+        let across = k * (1.0 - rest / length);
+        let (stiffness, across) = match self.hessian {
+            Hessian::Exact if across < -brace => (-brace, -brace),
+            Hessian::Exact => (k, across),
+            Hessian::Positive => (k, across.max(0.0)),
+        };
+        let along = (stiffness - across) / (length * length);
         let mut own = NO_BLOCK;
         add_outer(&mut own, d, d, along);
         add_diagonal(&mut own, across);
