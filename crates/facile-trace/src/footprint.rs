@@ -11,8 +11,8 @@ use crate::math::Vec3;
 use crate::object::Object;
 
 /// Distance by which a box grows at least, in steps of the image, and per unit of the numbers it comes from.
-pub(crate) const MARGIN: f32 = 1.0 / 64.0;
-pub(crate) const MARGIN_SHARE: f32 = 4e-6;
+const MARGIN: f32 = 1.0 / 64.0;
+const MARGIN_SHARE: f32 = 4e-6;
 
 /// From the world to an image: through a point, or along parallel lines.
 #[derive(Clone, Copy, Debug)]
@@ -31,8 +31,7 @@ pub(crate) struct LocalProjection {
     origin: [f32; 3],
     rows: [[f32; 3]; 3],
     parallel: Option<[f32; 2]>,
-    /// Distance by which boxes grow, wherever they are: [`MARGIN`] and rounding.
-    pub(crate) margin: f32,
+    margin: f32,
 }
 
 impl Projection {
@@ -176,49 +175,24 @@ pub(crate) struct Steps {
 }
 
 /// The boxes around eight triangles, in steps; both ends belong to them.
-pub(crate) struct Footprints<L: Lanes> {
-    /// First and last step along `x` and `y`, whole numbers.
-    pub(crate) first: [L; 2],
-    pub(crate) last: [L; 2],
-    /// Width and height of the triangles, in steps, also of what is outside the image.
-    pub(crate) size: [L; 2],
+pub(crate) struct Footprints {
+    pub(crate) first: [[i32; LANES]; 2],
+    pub(crate) last: [[i32; LANES]; 2],
     /// Smallest depth.
-    pub(crate) nearest: L,
-    /// Twice the area, positive for triangles that turn clockwise in the image.
-    pub(crate) area: L,
+    pub(crate) nearest: Eight,
     /// Triangles whose box is not empty.
     pub(crate) present: u32,
-}
-
-/// First and last steps of eight triangles along `x` and `y`, for those whose box is not empty.
-pub(crate) struct Areas {
-    first: [[i32; LANES]; 2],
-    last: [[i32; LANES]; 2],
-}
-
-impl<L: Lanes> Footprints<L> {
     /// Triangles that turn clockwise in the image.
-    #[inline(always)]
-    pub(crate) fn clockwise(&self) -> u32 {
-        L::splat(0.0).lt(self.area).bits()
-    }
-
-    #[inline(always)]
-    pub(crate) fn areas(&self) -> Areas {
-        Areas {
-            first: [self.first[0].to_i32(), self.first[1].to_i32()],
-            last: [self.last[0].to_i32(), self.last[1].to_i32()],
-        }
-    }
+    pub(crate) clockwise: u32,
 }
 
-impl Areas {
+impl Footprints {
     /// First and last step of a triangle along `x` and `y`.
     #[inline(always)]
-    pub(crate) fn of(&self, lane: usize) -> [[u32; 2]; 2] {
+    pub(crate) fn area(&self, lane: usize) -> [[usize; 2]; 2] {
         [
-            [self.first[0][lane] as u32, self.first[1][lane] as u32],
-            [self.last[0][lane] as u32, self.last[1][lane] as u32],
+            [self.first[0][lane] as usize, self.first[1][lane] as usize],
+            [self.last[0][lane] as usize, self.last[1][lane] as usize],
         ]
     }
 }
@@ -254,37 +228,34 @@ pub(crate) fn footprints<L: Lanes>(
     steps: &Steps,
     [a, b, c]: &[V3<L>; 3],
     count: usize,
-) -> Footprints<L> {
+) -> Footprints {
     let x = span::<L>(projection, steps, 0, [a.0[0], b.0[0], c.0[0]]);
     let y = span::<L>(projection, steps, 1, [a.0[1], b.0[1], c.0[1]]);
     let ([ax, ay, az], [bx, by, bz], [cx, cy, cz]) = (a.0, b.0, c.0);
+    let area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax);
     let all = 0xFF >> (LANES - count);
     Footprints {
-        first: [x.first, y.first],
-        last: [x.last, y.last],
-        size: [x.size, y.size],
-        nearest: az.min(bz).min(cz),
-        area: (bx - ax) * (cy - ay) - (by - ay) * (cx - ax),
-        present: (x.is_any & y.is_any).bits() & all,
+        first: [x.0.to_i32(), y.0.to_i32()],
+        last: [x.1.to_i32(), y.1.to_i32()],
+        nearest: az.min(bz).min(cz).store(),
+        present: (x.2 & y.2).bits() & all,
+        clockwise: L::splat(0.0).lt(area).bits(),
     }
 }
 
-/// Steps of eight triangles along one axis.
-struct Span<L: Lanes> {
-    first: L,
-    last: L,
-    size: L,
-    is_any: L::Mask,
-}
-
+/// First and last step along one axis, and where there are any.
 #[inline(always)]
-fn span<L: Lanes>(projection: &LocalProjection, steps: &Steps, axis: usize, at: [L; 3]) -> Span<L> {
+fn span<L: Lanes>(
+    projection: &LocalProjection,
+    steps: &Steps,
+    axis: usize,
+    at: [L; 3],
+) -> (L, L, L::Mask) {
     let low = at[0].min(at[1]).min(at[2]) - L::splat(steps.first[axis]);
     let high = at[0].max(at[1]).max(at[2]) - L::splat(steps.first[axis]);
-    let size = high - low;
     let (zero, count) = (L::splat(0.0), L::splat(steps.count[axis] as f32));
-    let largest = low.max(zero - low).max(high.max(zero - high));
-    let margin = L::splat(projection.margin) + L::splat(MARGIN_SHARE) * largest;
+    let size = low.max(zero - low).max(high.max(zero - high));
+    let margin = L::splat(projection.margin) + L::splat(MARGIN_SHARE) * size;
     let (low, high) = (low - margin, high + margin);
     let is_inside = zero.le(high) & low.le(count);
     let low = low.max(zero).min(count);
@@ -293,10 +264,5 @@ fn span<L: Lanes>(projection: &LocalProjection, steps: &Steps, axis: usize, at: 
         first = L::select(first.lt(low), first + L::splat(1.0), first);
     }
     let last = high.max(zero).min(count - L::splat(1.0)).trunc();
-    Span {
-        first,
-        last,
-        size,
-        is_any: is_inside & first.le(last),
-    }
+    (first, last, is_inside & first.le(last))
 }

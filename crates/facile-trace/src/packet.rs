@@ -54,9 +54,10 @@ impl RayBlock {
 
 /// The lanes whose direction is longest along each axis, see [`crate::triangle::dominant_axis`].
 #[inline(always)]
-pub(crate) fn lanes_by_axis<L: Lanes>([x, y, z]: &[L; 3]) -> [L::Mask; 3] {
+fn lanes_by_axis<L: Lanes>(direction: &[Eight; 3]) -> [L::Mask; 3] {
     let zero = L::splat(0.0);
-    let (x, y, z) = (*x, *y, *z);
+    let [x, y, z] = direction;
+    let (x, y, z) = (L::load(x), L::load(y), L::load(z));
     let (x, y, z) = (x.max(zero - x), y.max(zero - y), z.max(zero - z));
     let along_x = y.le(x) & z.le(x);
     let along_y = z.le(y) & !along_x;
@@ -78,9 +79,9 @@ impl ShearBlock {
     /// The rays `wanted` of eight.
     #[inline(always)]
     pub(crate) fn new<L: Lanes>(direction: &[Eight; 3], wanted: u32) -> Self {
+        let [is_x, is_y, is_z] = lanes_by_axis::<L>(direction);
         let [x, y, z] = direction;
         let (x, y, z) = (L::load(x), L::load(y), L::load(z));
-        let [is_x, is_y, is_z] = lanes_by_axis(&[x, y, z]);
         let along_z = L::select(is_x, x, L::select(is_y, y, z));
         let along_x = L::select(is_x, y, L::select(is_y, z, x));
         let along_y = L::select(is_x, z, L::select(is_y, x, y));
@@ -136,8 +137,7 @@ impl RayBlock {
     /// The lanes whose direction is longest along each axis.
     #[inline(always)]
     pub(crate) fn lanes_by_axis<L: Lanes>(&self) -> [u32; 3] {
-        let [x, y, z] = &self.direction;
-        let [x, y, z] = lanes_by_axis(&[L::load(x), L::load(y), L::load(z)]);
+        let [x, y, z] = lanes_by_axis::<L>(&self.direction);
         [x.bits(), y.bits(), z.bits()]
     }
 }

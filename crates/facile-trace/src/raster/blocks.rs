@@ -1,4 +1,4 @@
-//! The surfaces that pixels and blocks of samples show: the nearest of each, and those behind it in order of distance.
+//! The surfaces that blocks of pixels show: the nearest of each pixel, and those behind it in order of distance.
 //!
 //! Surfaces go by one number over all objects of a scene: object by object, triangle by triangle. Of those at the very same
 //! distance the lowest number counts, so the order of drawing leaves no trace.
@@ -9,7 +9,7 @@ use crate::packet::Meeting;
 use crate::ray::Hit;
 use crate::scene::Scene;
 
-/// Nearest hits of a block of samples so far.
+/// Nearest hits of a block of pixels so far.
 #[derive(Clone, Copy)]
 pub(super) struct HitBlock {
     pub(super) t: Eight,
@@ -17,68 +17,6 @@ pub(super) struct HitBlock {
     pub(super) v: Eight,
     /// Bits are the surface's number, see [`Numbers`]; 0 for none.
     pub(super) number: Eight,
-}
-
-/// Nearest hits of all pixels so far, block by block.
-#[derive(Clone, Default)]
-pub(super) struct Nearest {
-    /// Infinite where there is none.
-    pub(super) t: Vec<f32>,
-    /// The rest of the hits; any where there is none.
-    pub(super) places: Vec<Place>,
-}
-
-/// Where a surface is hit.
-#[derive(Clone, Copy, Default)]
-pub(super) struct Place {
-    /// See [`Numbers`].
-    pub(super) number: u32,
-    pub(super) u: f32,
-    pub(super) v: f32,
-}
-
-impl Nearest {
-    /// Nothing is hit.
-    pub(super) fn clear(&mut self, blocks: usize) {
-        self.t.clear();
-        self.t.resize(blocks * LANES, f32::INFINITY);
-        self.places.resize(blocks * LANES, Place::default());
-    }
-
-    /// Takes over in a pixel if a triangle is nearer than what is there.
-    #[inline(always)]
-    pub(super) fn take(
-        &mut self,
-        pixel: usize,
-        (t, place): (f32, Place),
-        triangle: u32,
-        admit: impl Admit,
-    ) {
-        let (nearest, own) = (&mut self.t[pixel], &mut self.places[pixel]);
-        // Of equal distances the lower object, then the lower triangle wins
-        let is_closer =
-            t < *nearest || (t == *nearest && t < f32::INFINITY && place.number < own.number);
-        if 0.0 < t && is_closer && admit.admits(triangle, place.u, place.v) {
-            (*nearest, *own) = (t, place);
-        }
-    }
-
-    /// The hit of a pixel, [`Hit::MISS`] if there is none.
-    #[inline(always)]
-    pub(super) fn get(&self, pixel: usize, numbers: &Numbers) -> Hit {
-        let (t, place) = (self.t[pixel], &self.places[pixel]);
-        if t == f32::INFINITY {
-            return Hit::MISS;
-        }
-        let [object, triangle] = numbers.surface(place.number);
-        Hit {
-            t,
-            object,
-            triangle,
-            u: place.u,
-            v: place.v,
-        }
-    }
 }
 
 /// Surfaces of a block of pixels that are as many levels behind the nearest ones.
@@ -131,6 +69,14 @@ impl HitBlock {
         v: Eight([0.0; LANES]),
         number: Eight([0.0; LANES]),
     };
+
+    /// Lanes with a hit.
+    pub(super) fn hit(&self) -> u32 {
+        let number = self.number.0.iter().enumerate();
+        number.fold(0, |bits, (lane, v)| {
+            bits | u32::from(v.to_bits() != 0) << lane
+        })
+    }
 
     /// The largest distance of the lanes `present`.
     #[inline(always)]
@@ -192,42 +138,53 @@ impl HitBlock {
 
 /// The lanes `tied` of a surface that has a lower number than the one it meets there.
 #[inline(always)]
-fn lower_of(tied: u32, number: u32, others: &Eight) -> u32 {
+pub(super) fn lower_of(tied: u32, number: u32, others: &Eight) -> u32 {
     lanes_of(tied)
         .filter(|lane| number < others.0[*lane].to_bits())
         .fold(0, |bits, lane| bits | 1 << lane)
 }
 
-/// Puts a surface of one lane among the first `used` of a block's levels, nearest first; what is behind the last level is
-/// dropped.
-pub(super) fn insert(
+/// Puts surfaces in the lanes `bits` among the first `used` of a block's levels, nearest first; what is behind the last
+/// level is dropped.
+#[inline(always)]
+pub(super) fn insert<L: Lanes>(
     levels: &mut [Level],
     used: &mut u8,
-    lane: usize,
-    (mut t, mut number): (f32, u32),
+    (mut t, mut number): (L, L),
+    mut bits: u32,
 ) {
+    let none = L::splat(f32::INFINITY);
     for level in &mut levels[..usize::from(*used)] {
-        let (own_t, own) = (&mut level.t.0[lane], &mut level.number.0[lane]);
-        if t == *own_t {
-            // Of equal distances the lower number stays, and the other is no surface of its own
-            *own = carried(number.min(own.to_bits()));
+        if bits == 0 {
             return;
         }
-        if t < *own_t {
-            // What was there goes on to the next level
-            std::mem::swap(&mut t, own_t);
-            let onwards = own.to_bits();
-            *own = carried(number);
-            number = onwards;
-            if t == f32::INFINITY {
-                return;
+        let (own_t, own) = (L::load(&level.t), L::load(&level.number));
+        let open = L::Mask::from_bits(bits);
+        // Of equal distances the lower number stays, and the other is no surface of its own
+        let tied = (open & t.eq(own_t)).bits();
+        let mut lower = 0;
+        if tied != 0 {
+            let numbers = number.store();
+            for lane in lanes_of(tied) {
+                lower |= lower_of(1 << lane, numbers.0[lane].to_bits(), &level.number);
             }
+            bits &= !tied;
         }
+        let closer = open & t.lt(own_t);
+        let taken = closer | L::Mask::from_bits(lower);
+        level.t = L::select(closer, t, own_t).store();
+        level.number = L::select(taken, number, own).store();
+        // What was there goes on to the next level
+        t = L::select(closer, own_t, t);
+        number = L::select(closer, own, number);
+        bits &= !(closer & own_t.eq(none)).bits();
     }
-    if let Some(level) = levels.get_mut(usize::from(*used)) {
-        level.t = Eight([f32::INFINITY; LANES]);
-        level.t.0[lane] = t;
-        level.number.0[lane] = carried(number);
+    if bits != 0
+        && let Some(level) = levels.get_mut(usize::from(*used))
+    {
+        let mask = L::Mask::from_bits(bits);
+        level.t = L::select(mask, t, none).store();
+        level.number = L::select(mask, number, L::splat(0.0)).store();
         *used += 1;
     }
 }

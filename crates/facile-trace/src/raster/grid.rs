@@ -53,91 +53,60 @@ impl Grid {
             bits | u32::from(is_inside) << lane
         })
     }
-}
 
-/// The rays of a grid: directions are sums of what the column and what the row gives.
-#[derive(Default)]
-pub(super) struct Rays {
-    columns: Vec<[f64; 4]>,
-    rows: Vec<[f64; 4]>,
-    /// Rays of whole blocks, those that were asked for, and the frame that they are in.
-    blocks: Vec<ShearBlock>,
-    frames: Vec<u32>,
-}
-
-/// The rays of a grid in the frame of an object.
-pub(super) struct LocalRays<'a> {
-    pub(super) rays: &'a mut Rays,
-    /// The object if it is posed.
-    object: Option<&'a Object>,
-    /// Number of the frame, from 1 on.
-    frame: u32,
-}
-
-impl Rays {
-    pub(super) fn take(&mut self, grid: &Grid, camera: &Camera) {
-        let padded = |[a, b, c]: [f64; 3]| [a, b, c, 0.0];
-        let [x0, y0] = [grid.bounds[0], grid.bounds[1]];
-        let column = |x: usize| camera.direction_of_column((x0 + x) as f64 + grid.offset[0]);
-        let row = |y: usize| camera.direction_of_row((y0 + y) as f64 + grid.offset[1]);
-        self.columns.clear();
-        self.columns
-            .extend((0..grid.columns * BLOCK_WIDTH).map(|x| padded(column(x))));
-        self.rows.clear();
-        self.rows
-            .extend((0..grid.rows * BLOCK_HEIGHT).map(|y| padded(row(y))));
-        let count = grid.columns * grid.rows;
-        self.blocks.resize(count, ShearBlock::default());
-        self.frames.clear();
-        self.frames.resize(count, 0);
-    }
-
-    /// The rays in the frame of an object, the `index`th of its scene.
-    pub(super) fn in_frame_of<'a>(&'a mut self, object: &'a Object, index: usize) -> LocalRays<'a> {
-        let is_posed = object.world_from_object.is_some();
-        LocalRays {
-            rays: self,
-            object: is_posed.then_some(object),
-            frame: if is_posed { index as u32 + 2 } else { 1 },
-        }
+    /// Blocks `[x0, y0, x1, y1)` that pixels can touch.
+    pub(super) fn blocks_of(&self, pixels: [usize; 4]) -> [usize; 4] {
+        let at = |v: usize, axis: usize, step: usize| v.saturating_sub(self.bounds[axis]) / step;
+        [
+            at(pixels[0], 0, BLOCK_WIDTH),
+            at(pixels[1], 1, BLOCK_HEIGHT),
+            (at(pixels[2], 0, BLOCK_WIDTH) + 1).min(self.columns),
+            (at(pixels[3], 1, BLOCK_HEIGHT) + 1).min(self.rows),
+        ]
     }
 }
 
-impl LocalRays<'_> {
-    /// Direction of the ray of a pixel, counted from the grid's first, and an idle number.
-    #[inline(always)]
-    pub(super) fn direction(&self, x: usize, y: usize) -> [f32; 4] {
-        let (column, row) = (&self.rays.columns[x], &self.rays.rows[y]);
-        let sum = [
-            (column[0] + row[0]) as f32,
-            (column[1] + row[1]) as f32,
-            (column[2] + row[2]) as f32,
-            (column[3] + row[3]) as f32,
-        ];
-        let Some(object) = self.object else {
-            return sum;
-        };
-        let ray = Ray::new(Vec3::zeros(), Vec3::new(sum[0], sum[1], sum[2]));
-        let d = object.ray_in_object(&ray).direction;
-        [d.x, d.y, d.z, 0.0]
-    }
-
-    /// The rays of a block.
-    #[inline(always)]
-    pub(super) fn block<L: Lanes>(&mut self, grid: &Grid, index: usize) -> ShearBlock {
-        if self.rays.frames[index] != self.frame {
+/// Fills in the rays of the blocks `[x0, y0, x1, y1)` of a grid, in an object's frame or the world's.
+#[inline(always)]
+pub(super) fn shear_blocks<L: Lanes>(
+    grid: &Grid,
+    camera: &Camera,
+    object: Option<&Object>,
+    [x0, y0, x1, y1]: [usize; 4],
+    blocks: &mut [ShearBlock],
+) {
+    // Directions are sums of what the column and what the row gives
+    let columns: Vec<[f64; 3]> = (0..grid.columns * BLOCK_WIDTH)
+        .map(|x| camera.direction_of_column((grid.bounds[0] + x) as f64 + grid.offset[0]))
+        .collect();
+    for by in y0..y1 {
+        let rows: [[f64; 3]; BLOCK_HEIGHT] = std::array::from_fn(|k| {
+            let y = grid.bounds[1] + by * BLOCK_HEIGHT + k;
+            camera.direction_of_row(y as f64 + grid.offset[1])
+        });
+        for bx in x0..x1 {
+            let index = by * grid.columns + bx;
             let [x, y] = grid.corner(index);
-            let [from_x, from_y] = [x - grid.bounds[0], y - grid.bounds[1]];
             let mut direction = [Eight::default(); 3];
-            for lane in 0..LANES {
-                let d = self.direction(from_x + lane % BLOCK_WIDTH, from_y + lane / BLOCK_WIDTH);
-                for axis in 0..3 {
-                    direction[axis].0[lane] = d[axis];
+            let own = &columns[bx * BLOCK_WIDTH..(bx + 1) * BLOCK_WIDTH];
+            for axis in 0..3 {
+                for k in 0..BLOCK_HEIGHT {
+                    for (lane, column) in own.iter().enumerate() {
+                        let sum = (column[axis] + rows[k][axis]) as f32;
+                        direction[axis].0[k * BLOCK_WIDTH + lane] = sum;
+                    }
                 }
             }
-            self.rays.blocks[index] = ShearBlock::new::<L>(&direction, grid.inside([x, y]));
-            self.rays.frames[index] = self.frame;
+            if let Some(object) = object {
+                for lane in 0..LANES {
+                    let d = Vec3::from_fn(|k, _| direction[k].0[lane]);
+                    let d = object.ray_in_object(&Ray::new(Vec3::zeros(), d)).direction;
+                    direction[0].0[lane] = d.x;
+                    direction[1].0[lane] = d.y;
+                    direction[2].0[lane] = d.z;
+                }
+            }
+            blocks[index] = ShearBlock::new::<L>(&direction, grid.inside([x, y]));
         }
-        self.rays.blocks[index]
     }
 }

@@ -1,8 +1,7 @@
 //! What is hidden by something nearer, block by block and tile by tile of blocks.
 
-use super::DEPTH_SLACK;
-use super::grid::{BLOCK_HEIGHT, BLOCK_WIDTH, Grid};
-use crate::lanes::LANES;
+use super::blocks::HitBlock;
+use super::grid::Grid;
 
 /// Blocks along each side of a tile.
 const TILE: usize = 4;
@@ -15,20 +14,6 @@ pub(super) struct Patch {
     pub(super) first: [u32; 2],
     pub(super) last: [u32; 2],
     pub(super) nearest: f32,
-}
-
-impl Patch {
-    /// The patch of a triangle at a place in leaf order, by its first and last pixel and its smallest depth.
-    #[inline(always)]
-    pub(super) fn new(slot: u32, [first, last]: [[u32; 2]; 2], nearest: f32) -> Self {
-        let block = |[x, y]: [u32; 2]| [x / BLOCK_WIDTH as u32, y / BLOCK_HEIGHT as u32];
-        Self {
-            slot,
-            first: block(first),
-            last: block(last),
-            nearest: nearest * DEPTH_SLACK,
-        }
-    }
 }
 
 /// Largest distance of each block's hits at some time before, and of each tile of blocks: what is behind is hidden.
@@ -51,17 +36,16 @@ impl Furthest {
         self.tiles.resize(tiles, f32::INFINITY);
     }
 
-    /// Takes over the distances of all pixels, block by block.
-    pub(super) fn update(&mut self, t: &[f32]) {
+    pub(super) fn update(&mut self, blocks: &[HitBlock]) {
         self.tiles.fill(0.0);
-        let rows = t.as_chunks::<LANES>().0.chunks(self.columns);
+        let rows = blocks.chunks(self.columns);
         let own = self.blocks.chunks_mut(self.columns);
         for (y, (row, own)) in rows.zip(own).enumerate() {
             let tiles = &mut self.tiles[y / TILE * self.tile_columns..];
             let columns = row.chunks(TILE).zip(own.chunks_mut(TILE));
             for ((blocks, own), tile) in columns.zip(tiles) {
                 for (block, own) in blocks.iter().zip(own) {
-                    let [a, b, c, d, e, f, g, h] = *block;
+                    let [a, b, c, d, e, f, g, h] = block.t.0;
                     *own = a.max(b).max(c.max(d)).max(e.max(f).max(g.max(h)));
                     *tile = tile.max(*own);
                 }

@@ -10,34 +10,25 @@ mod blocks;
 mod grid;
 mod hidden;
 pub(crate) mod samples;
-mod small;
-mod spans;
 
 use std::cell::Cell;
 
 use crate::camera::Camera;
 use crate::cutout::{Admit, Solid};
-use crate::footprint::{
-    Footprints, LocalProjection, Projection, Steps, footprints, project_corners,
-};
-use crate::lanes::{Eight, Kernel, LANES, LaneMask, Lanes, V3, lanes_of, run};
+use crate::footprint::{LocalProjection, Projection, Steps, footprints, project_corners};
+use crate::lanes::{Kernel, LANES, LaneMask, Lanes, lanes_of, run};
 use crate::math::{Vec3, vec3_from_point};
 use crate::object::Object;
-use crate::packet::{ShearBlock, meet_sheared};
+use crate::packet::{Meeting, ShearBlock, meet_sheared};
 use crate::ray::{Hit, Ray};
 use crate::scene::{Layer, Scene};
 use crate::scratch;
-use blocks::{Level, Nearest, Numbers, Place, insert};
-use grid::{BLOCK_WIDTH, Grid, LocalRays, Rays};
+use blocks::{HitBlock, Level, Numbers, carried, insert};
+use grid::{BLOCK_HEIGHT, BLOCK_WIDTH, Grid, shear_blocks};
 use hidden::{Furthest, Patch};
-use small::{Queue, Slots};
-use spans::Spans;
 
 /// More triangles per sample than this, and packets through the tree are faster.
 const MAX_TRIANGLES_PER_SAMPLE: usize = 8;
-
-/// Pixels of a triangle's box up to which its pixels are tested eight of any triangles at a time, and not block by block.
-const MAX_SMALL: f32 = 40.0;
 
 /// Share by which a depth must be larger to be hidden for sure.
 pub(crate) const DEPTH_SLACK: f32 = 1.0 - 2e-5;
@@ -55,9 +46,8 @@ pub(crate) struct Wanted {
 pub(crate) struct Seen<'a> {
     pub(crate) pixel: [u32; 2],
     pub(crate) hit: Hit,
-    behind_occluders: &'a Nearest,
+    behind_occluders: &'a HitBlock,
     levels: &'a [Level],
-    block: usize,
     lane: usize,
     numbers: &'a Numbers,
 }
@@ -65,8 +55,7 @@ pub(crate) struct Seen<'a> {
 impl Seen<'_> {
     /// The hit without occluders, [`Hit::MISS`] where there is nothing else; `hit` unless asked for.
     pub(crate) fn behind_occluders(&self) -> Hit {
-        let place = self.block * LANES + self.lane;
-        self.behind_occluders.get(place, self.numbers)
+        self.behind_occluders.get(self.lane, self.numbers)
     }
 
     /// Distance, object and triangle of each further surface, nearest first.
@@ -112,26 +101,23 @@ pub(crate) fn draw(
             scratch,
         });
         let stack = &scratch.stack;
-        let behind_occluders = stack.behind_occluders.as_ref().unwrap_or(&stack.nearest);
-        for (block, t) in stack.nearest.t.as_chunks::<LANES>().0.iter().enumerate() {
-            if t.iter().all(|t| *t == f32::INFINITY) {
+        for (index, block) in stack.blocks.iter().enumerate() {
+            let hit = block.hit();
+            if hit == 0 {
                 continue;
             }
-            let corner = grid.corner(block);
-            let levels = stack.levels_of(block);
-            for (lane, t) in t.iter().enumerate() {
-                if *t == f32::INFINITY {
-                    continue;
-                }
+            let corner = grid.corner(index);
+            let levels = stack.levels_of(index);
+            let behind = stack.behind_occluders.get(index).unwrap_or(block);
+            for lane in lanes_of(hit) {
                 visit(&Seen {
                     pixel: [
                         (corner[0] + lane % BLOCK_WIDTH) as u32,
                         (corner[1] + lane / BLOCK_WIDTH) as u32,
                     ],
-                    hit: stack.nearest.get(block * LANES + lane, &scratch.numbers),
-                    behind_occluders,
+                    hit: block.get(lane, &scratch.numbers),
+                    behind_occluders: behind,
                     levels,
-                    block,
                     lane,
                     numbers: &scratch.numbers,
                 });
@@ -153,17 +139,20 @@ struct Draw<'a> {
 struct Scratch {
     stack: Stack,
     numbers: Numbers,
-    rays: Rays,
+    /// Rays of all blocks in the world, and of some in an object's frame.
+    in_world: Vec<ShearBlock>,
+    in_object: Vec<ShearBlock>,
     waiting: Vec<Patch>,
     furthest: Furthest,
 }
 
-/// What the pixels show.
+/// What the blocks show.
 #[derive(Default)]
 struct Stack {
-    nearest: Nearest,
-    /// The same before occluders were drawn; `None` if there are none, or it is not wanted.
-    behind_occluders: Option<Nearest>,
+    /// Nearest surfaces.
+    blocks: Vec<HitBlock>,
+    /// The same before occluders were drawn; empty if there are none, or it is not wanted.
+    behind_occluders: Vec<HitBlock>,
     /// Further surfaces, `further` levels for each block, and how many of them hold any.
     further: usize,
     levels: Vec<Level>,
@@ -172,45 +161,19 @@ struct Stack {
 
 impl Stack {
     fn clear(&mut self, blocks: usize, further: usize) {
-        self.nearest.clear(blocks);
-        self.behind_occluders = None;
+        self.blocks.clear();
+        self.blocks.resize(blocks, HitBlock::EMPTY);
+        self.behind_occluders.clear();
         self.further = further;
         self.used.clear();
         if further > 0 {
             self.used.resize(blocks, 0);
             // Levels that are not used may hold anything
             let nothing = Level {
-                t: Eight([f32::INFINITY; LANES]),
-                number: Eight::default(),
+                t: HitBlock::EMPTY.t,
+                number: HitBlock::EMPTY.number,
             };
             self.levels.resize(blocks * further, nothing);
-        }
-    }
-
-    /// Takes over what the ray of a pixel, the block's place times eight and the lane, meets of a triangle.
-    #[inline(always)]
-    fn take(&mut self, pixel: usize, hit: (f32, Place), triangle: u32, admit: impl Admit) {
-        if self.further == 0 {
-            self.nearest.take(pixel, hit, triangle, admit);
-            return;
-        }
-        // Leave out what is behind all levels before anything is asked about it
-        let (t, place) = hit;
-        let (block, lane) = (pixel / LANES, pixel % LANES);
-        let levels = &mut self.levels[block * self.further..][..self.further];
-        let used = &mut self.used[block];
-        let is_full = usize::from(*used) == self.further;
-        let is_behind = is_full && levels[self.further - 1].t.0[lane] < t;
-        let is_ahead = 0.0 < t && t < f32::INFINITY;
-        if !is_ahead || is_behind || !admit.admits(triangle, place.u, place.v) {
-            return;
-        }
-        let (nearest, number) = (self.nearest.t[pixel], self.nearest.places[pixel].number);
-        self.nearest.take(pixel, hit, triangle, Solid);
-        if t > nearest {
-            insert(levels, used, lane, (t, place.number));
-        } else if t < nearest && nearest < f32::INFINITY {
-            insert(levels, used, lane, (nearest, number));
         }
     }
 
@@ -230,7 +193,6 @@ thread_local! {
 struct Strokes<'a> {
     local: &'a LocalProjection,
     steps: &'a Steps,
-    rays: LocalRays<'a>,
     stack: &'a mut Stack,
     waiting: &'a mut Vec<Patch>,
     furthest: &'a mut Furthest,
@@ -239,6 +201,7 @@ struct Strokes<'a> {
 /// What is being drawn.
 struct Canvas<'a> {
     grid: &'a Grid,
+    rays: &'a [ShearBlock],
     /// Number of the first triangle.
     first_number: u32,
     /// Start of the rays in the object's frame.
@@ -257,7 +220,8 @@ impl Kernel for Draw<'_> {
         let Scratch {
             stack,
             numbers,
-            rays,
+            in_world,
+            in_object,
             waiting,
             furthest,
         } = self.scratch;
@@ -265,7 +229,9 @@ impl Kernel for Draw<'_> {
         stack.clear(count, self.wanted.further);
         numbers.take(self.scene);
         furthest.clear(grid);
-        rays.take(grid, self.camera);
+        in_world.clear();
+        in_object.clear();
+        let all = [0, 0, grid.columns, grid.rows];
         let projection = Projection::of_camera(self.camera);
         let eye = Ray::new(vec3_from_point(self.camera.position()), Vec3::z());
         let seen = |object: &Object| object.is_visible && !object.bvh.is_empty();
@@ -276,10 +242,28 @@ impl Kernel for Draw<'_> {
         let first_occluder = first.len();
         for (turn, (index, object)) in first.into_iter().chain(last).enumerate() {
             if turn == first_occluder {
-                stack.behind_occluders = Some(stack.nearest.clone());
+                stack.behind_occluders.extend_from_slice(&stack.blocks);
             }
+            let mut own = None;
+            let rays: &[ShearBlock] = if object.world_from_object.is_none() {
+                if in_world.is_empty() {
+                    in_world.resize(count, ShearBlock::default());
+                    shear_blocks::<L>(grid, self.camera, None, all, in_world);
+                }
+                in_world
+            } else {
+                let Some(pixels) = self.camera.pixel_bounds(object.bounds_in_world()) else {
+                    continue;
+                };
+                let area = grid.blocks_of(pixels);
+                own = Some(area);
+                in_object.resize(count, ShearBlock::default());
+                shear_blocks::<L>(grid, self.camera, Some(object), area, in_object);
+                in_object
+            };
             let canvas = Canvas {
                 grid,
+                rays,
                 first_number: numbers.of(index),
                 origin: object.ray_in_object(&eye).origin,
                 corners: &object.bvh.corners,
@@ -297,7 +281,6 @@ impl Kernel for Draw<'_> {
             let mut strokes = Strokes {
                 local: &local,
                 steps: &steps,
-                rays: rays.in_frame_of(object, index),
                 stack,
                 waiting,
                 furthest,
@@ -305,6 +288,13 @@ impl Kernel for Draw<'_> {
             match &object.cutout {
                 None => canvas.draw_all::<L>(&mut strokes, Solid),
                 Some(cutout) => canvas.draw_all::<L>(&mut strokes, &**cutout),
+            }
+            // Leave no rays to the next object
+            if let Some([x0, y0, x1, y1]) = own {
+                for y in y0..y1 {
+                    let row = y * grid.columns;
+                    in_object[row + x0..row + x1].fill(ShearBlock::default());
+                }
             }
         }
     }
@@ -315,139 +305,61 @@ impl Canvas<'_> {
     #[inline(always)]
     fn draw_all<L: Lanes>(&self, strokes: &mut Strokes<'_>, admit: impl Admit) {
         strokes.waiting.clear();
-        let mut queue = Queue::default();
         for (eight, triangles) in self.corners.chunks(LANES).enumerate() {
             let corners = project_corners::<L>(strokes.local, triangles);
             let found = footprints::<L>(strokes.local, strokes.steps, &corners, triangles.len());
-            if found.present == 0 {
-                continue;
-            }
-            // Front faces of a mesh that is wound the usual way turn clockwise, since y points down
-            let waiting = found.present & found.clockwise();
-            if waiting != 0 {
-                let (areas, nearest) = (found.areas(), found.nearest.store());
-                for lane in lanes_of(waiting) {
-                    let slot = (eight * LANES + lane) as u32;
-                    let patch = Patch::new(slot, areas.of(lane), nearest.0[lane]);
+            for lane in lanes_of(found.present) {
+                let patch = Patch {
+                    slot: (eight * LANES + lane) as u32,
+                    first: [
+                        found.first[0][lane] as u32 / BLOCK_WIDTH as u32,
+                        found.first[1][lane] as u32 / BLOCK_HEIGHT as u32,
+                    ],
+                    last: [
+                        found.last[0][lane] as u32 / BLOCK_WIDTH as u32,
+                        found.last[1][lane] as u32 / BLOCK_HEIGHT as u32,
+                    ],
+                    nearest: found.nearest.0[lane] * DEPTH_SLACK,
+                };
+                // Front faces of a mesh that is wound the usual way turn clockwise, since y points down
+                if found.clockwise >> lane & 1 == 1 {
                     strokes.waiting.push(patch);
+                } else {
+                    self.draw::<L>(&patch, strokes.furthest, admit, strokes.stack);
                 }
             }
-            let slots = Slots::from((eight * LANES) as u32);
-            let here = found.present & !waiting;
-            self.draw_eight::<L>(strokes, &mut queue, (&corners, &found, here), &slots, admit);
         }
-        self.finish::<L>(&mut queue, &strokes.rays, strokes.stack, admit);
         // An object of few triangles hides little
-        if strokes.stack.further == 0 && self.corners.len() * 2 > strokes.stack.nearest.t.len() {
-            strokes.furthest.update(&strokes.stack.nearest.t);
+        if strokes.stack.further == 0 && self.corners.len() * 16 > strokes.stack.blocks.len() {
+            strokes.furthest.update(&strokes.stack.blocks);
         }
-        let waiting = std::mem::take(strokes.waiting);
-        let mut slots = Slots::default();
-        let mut count = 0;
-        for patch in &waiting {
-            if strokes.furthest.hides(patch) {
-                continue;
-            }
-            slots.0[count] = patch.slot;
-            count += 1;
-            if count == LANES {
-                self.draw_slots::<L>(strokes, &mut queue, &slots, count, admit);
-                count = 0;
-            }
+        for patch in &*strokes.waiting {
+            self.draw::<L>(patch, strokes.furthest, admit, strokes.stack);
         }
-        if count > 0 {
-            self.draw_slots::<L>(strokes, &mut queue, &slots, count, admit);
-        }
-        self.finish::<L>(&mut queue, &strokes.rays, strokes.stack, admit);
-        *strokes.waiting = waiting;
     }
 
-    /// Draws the first `count` of eight triangles anywhere in leaf order.
+    /// Draws a triangle where it is not behind `furthest`.
     #[inline(always)]
-    fn draw_slots<L: Lanes>(
+    fn draw<L: Lanes>(
         &self,
-        strokes: &mut Strokes<'_>,
-        queue: &mut Queue,
-        slots: &Slots,
-        count: usize,
+        patch: &Patch,
+        furthest: &Furthest,
         admit: impl Admit,
+        stack: &mut Stack,
     ) {
-        let mut triangles = [[[0.0; 3]; 3]; LANES];
-        for (own, slot) in triangles.iter_mut().zip(&slots.0[..count]) {
-            *own = self.corners[*slot as usize];
-        }
-        let corners = project_corners::<L>(strokes.local, &triangles[..count]);
-        let found = footprints::<L>(strokes.local, strokes.steps, &corners, count);
-        let here = found.present;
-        self.draw_eight::<L>(strokes, queue, (&corners, &found, here), slots, admit);
-    }
-
-    /// Draws the triangles `here` of eight: large ones over blocks of pixels, the pixels of small ones go to the queue.
-    #[inline(always)]
-    fn draw_eight<L: Lanes>(
-        &self,
-        strokes: &mut Strokes<'_>,
-        queue: &mut Queue,
-        (corners, found, here): (&[V3<L>; 3], &Footprints<L>, u32),
-        slots: &Slots,
-        admit: impl Admit,
-    ) {
-        if here == 0 {
+        if furthest.hides(patch) {
             return;
         }
-        let one = L::splat(1.0);
-        let width = found.last[0] - found.first[0] + one;
-        let height = found.last[1] - found.first[1] + one;
-        let small = (width * height).le(L::splat(MAX_SMALL)).bits();
-        let nearest = (found.nearest * L::splat(DEPTH_SLACK)).store();
-        if here & !small != 0 {
-            let areas = found.areas();
-            for lane in lanes_of(here & !small) {
-                let patch =
-                    Patch::new(slots.0[lane], areas.of(lane), found.nearest.store().0[lane]);
-                self.draw::<L>(&patch, strokes, admit);
-            }
-        }
-        let small = here & small;
-        if small == 0 {
-            return;
-        }
-        let spans = Spans::new(strokes.local, strokes.steps, corners, found);
-        let top = found.first[1].to_i32();
-        for row in 0..spans.rows(small) {
-            let (first, last, is_any) = spans.row(row as f32);
-            let here = is_any.bits() & small;
-            if here == 0 {
-                continue;
-            }
-            let (first, last) = (first.to_i32(), last.to_i32());
-            for lane in lanes_of(here) {
-                let y = top[lane] as u32 + row;
-                for x in first[lane]..=last[lane] {
-                    let pixel = [x as u32, y];
-                    let triangle = (slots.0[lane], nearest.0[lane]);
-                    self.offer::<L>(queue, &strokes.rays, strokes.stack, triangle, pixel, admit);
-                }
-            }
-        }
-    }
-
-    /// Draws a large triangle where it is not hidden.
-    #[inline(always)]
-    fn draw<L: Lanes>(&self, patch: &Patch, strokes: &mut Strokes<'_>, admit: impl Admit) {
-        if strokes.furthest.hides(patch) {
-            return;
-        }
+        let columns = self.grid.columns;
         let triangle = self.ids[patch.slot as usize];
-        let number = self.first_number + triangle;
         let [a, b, c] = self.corners[patch.slot as usize].map(|p| Vec3::from(p) - self.origin);
         for y in patch.first[1]..=patch.last[1] {
             for x in patch.first[0]..=patch.last[0] {
-                let index = y as usize * self.grid.columns + x as usize;
-                if patch.nearest > strokes.furthest.blocks[index] {
+                let index = y as usize * columns + x as usize;
+                if patch.nearest > furthest.blocks[index] {
                     continue;
                 }
-                let rays = strokes.rays.block::<L>(self.grid, index);
+                let rays = &self.rays[index];
                 let shear = rays.shear::<L>();
                 for axis in rays.axes() {
                     let [i, j, k] = ShearBlock::axes_from(axis);
@@ -462,16 +374,49 @@ impl Canvas<'_> {
                     ) else {
                         continue;
                     };
-                    let (t, u, v) = (meeting.t.store(), meeting.v.store(), meeting.w.store());
-                    for lane in lanes_of(meeting.met.bits()) {
-                        let (u, v) = (u.0[lane], v.0[lane]);
-                        let hit = (t.0[lane], Place { number, u, v });
-                        strokes
-                            .stack
-                            .take(index * LANES + lane, hit, triangle, admit);
-                    }
+                    self.take::<L>(triangle, &meeting, index, admit, stack);
                 }
             }
         }
+    }
+
+    /// Takes over what a block meets of a triangle.
+    #[inline(always)]
+    fn take<L: Lanes>(
+        &self,
+        triangle: u32,
+        meeting: &Meeting<L>,
+        index: usize,
+        admit: impl Admit,
+        stack: &mut Stack,
+    ) {
+        let block = &mut stack.blocks[index];
+        let number = self.first_number + triangle;
+        let further = stack.further;
+        if further == 0 {
+            block.take::<L>(meeting, [triangle, number], admit);
+            return;
+        }
+        // Leave out what is behind all levels before anything is asked about it
+        let (t, nearest, none) = (meeting.t, L::load(&block.t), L::splat(f32::INFINITY));
+        let levels = &mut stack.levels[index * further..][..further];
+        let used = &mut stack.used[index];
+        let mut met = meeting.met & L::splat(0.0).lt(t) & t.lt(none);
+        if usize::from(*used) == further {
+            met = met & t.le(L::load(&levels[further - 1].t));
+        }
+        let met = admit.admitted::<L>(met, triangle, meeting.v, meeting.w);
+        let tied = met & t.eq(nearest);
+        let closer = met & t.lt(nearest);
+        let own = L::splat(carried(number));
+        let onwards = L::select(closer, nearest, t);
+        let numbers = L::select(closer, L::load(&block.number), own);
+        let is_first = closer & nearest.eq(none);
+        let bits = (met & !tied & !is_first).bits();
+        if bits != 0 {
+            insert(levels, used, (onwards, numbers), bits);
+        }
+        let meeting = Meeting { met, ..*meeting };
+        block.take::<L>(&meeting, [triangle, number], Solid);
     }
 }

@@ -225,22 +225,17 @@ impl Canvas<'_> {
         for (eight, triangles) in self.corners.chunks(LANES).enumerate() {
             let corners = project_corners::<L>(local, triangles);
             let found = footprints::<L>(local, steps, &corners, triangles.len());
-            if found.present == 0 {
-                continue;
-            }
-            let (areas, nearest) = (found.areas(), found.nearest.store());
-            let clockwise = found.clockwise();
             for lane in lanes_of(found.present) {
-                let area = areas.of(lane);
+                let area = found.area(lane).map(|at| at.map(|v| v as u32));
                 if !self.wants(area) {
                     continue;
                 }
                 let patch = Patch {
                     slot: (eight * LANES + lane) as u32,
                     area,
-                    nearest: nearest.0[lane] * DEPTH_SLACK,
+                    nearest: found.nearest.0[lane] * DEPTH_SLACK,
                 };
-                if clockwise >> lane & 1 == 1 {
+                if found.clockwise >> lane & 1 == 1 {
                     waiting.push(patch);
                 } else {
                     self.draw::<L>(&patch, admit);

@@ -262,11 +262,11 @@ impl Kernel for Block<'_> {
                     continue;
                 }
                 // Leave out what is behind all rays, before anything else is found out about it
-                let nearest = slopes::nearest::<L>(found.nearest, is_parallel, self.reach);
-                let areas = found.areas();
+                let depth = L::load(&found.nearest);
+                let nearest = slopes::nearest::<L>(depth, is_parallel, self.reach);
                 let mut present = 0;
                 for lane in lanes_of(found.present) {
-                    let is_hidden = cells.is_hidden(areas.of(lane), nearest.0[lane]);
+                    let is_hidden = cells.is_hidden(found.area(lane), nearest.0[lane]);
                     present |= u32::from(!is_hidden) << lane;
                 }
                 if present == 0 {
@@ -274,7 +274,7 @@ impl Kernel for Block<'_> {
                 }
                 let slopes = Slopes::new::<L>(&corners, is_parallel, self.reach);
                 for lane in lanes_of(present) {
-                    let (area, nearest) = (areas.of(lane), nearest.0[lane]);
+                    let (area, nearest) = (found.area(lane), nearest.0[lane]);
                     cells.draw::<L>(self.rays, &triangles[lane], area, nearest, &slopes, lane);
                 }
             }
@@ -289,10 +289,9 @@ impl Kernel for Block<'_> {
 }
 
 impl Cells {
-    /// Whether something in the cells of `area` that comes as near as `nearest` to the light is behind all rays.
+    /// Whether something in the cells `[first, last]` that comes as near as `nearest` to the light is behind all rays.
     #[inline(always)]
-    fn is_hidden(&self, area: [[u32; 2]; 2], nearest: f32) -> bool {
-        let [first, last] = area.map(|at| at.map(|v| v as usize));
+    fn is_hidden(&self, [first, last]: [[usize; 2]; 2], nearest: f32) -> bool {
         for row in first[1] / TILE..=last[1] / TILE {
             let row = row * self.tile_columns;
             let tiles = &self.tiles[row + first[0] / TILE..=row + last[0] / TILE];
@@ -303,18 +302,17 @@ impl Cells {
         true
     }
 
-    /// Closes the rays that a triangle blocks in the cells of `area`, both ends included; `lane` is its place among the slopes.
+    /// Closes the rays that a triangle blocks in the cells `[first, last]`; `lane` is its place among the slopes.
     #[inline(always)]
     fn draw<L: Lanes>(
         &mut self,
         rays: &LightRays<'_>,
         corners: &[[f32; 3]; 3],
-        area: [[u32; 2]; 2],
+        [first, last]: [[usize; 2]; 2],
         nearest: f32,
         slopes: &Slopes,
         lane: usize,
     ) {
-        let [first, last] = area.map(|at| at.map(|v| v as usize));
         let (a, b, c) = (
             L::splat(slopes.a.0[lane]),
             L::splat(slopes.b.0[lane]),
