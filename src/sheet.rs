@@ -27,11 +27,27 @@ pub enum Cell {
     Visibility,
     /// What covers the head.
     Occlusion,
+    /// Classes of surface as if nothing covered the head.
+    Amodal,
+    /// Classes of the first surfaces of each pixel, one picture below the other.
+    Layers,
+    /// Their depths.
+    LayerDepth,
+    /// Share of each pixel that shows any surface.
+    Coverage,
+    /// Bodies of the occluder, in colours.
+    Instances,
+    /// Place on the reference head: red grows over each 20 degrees, green over each 20 mm.
+    Reference,
+    /// Colour before any light.
+    Albedo,
+    /// Share of the light that arrives.
+    Shadow,
 }
 
 impl Cell {
     /// Every kind of cell with its name.
-    pub const ALL: [(&'static str, Self); 7] = [
+    pub const ALL: [(&'static str, Self); 15] = [
         ("image", Self::Image),
         ("landmarks", Self::Landmarks),
         ("segments", Self::Segments),
@@ -39,6 +55,14 @@ impl Cell {
         ("normals", Self::Normals),
         ("visibility", Self::Visibility),
         ("occlusion", Self::Occlusion),
+        ("amodal", Self::Amodal),
+        ("layers", Self::Layers),
+        ("layer_depth", Self::LayerDepth),
+        ("coverage", Self::Coverage),
+        ("instances", Self::Instances),
+        ("reference", Self::Reference),
+        ("albedo", Self::Albedo),
+        ("shadow", Self::Shadow),
     ];
 
     fn name(self) -> &'static str {
@@ -198,15 +222,38 @@ fn draw(stored: &Stored<'_>, entry: &Entry, cell: Cell) -> Result<RgbImage, Erro
             }
             image
         }
-        Cell::Segments => colored(&map()?.into_luma8(), segment_color),
+        Cell::Segments | Cell::Amodal | Cell::Layers | Cell::Instances => {
+            colored(&map()?.into_luma8(), segment_color)
+        }
         Cell::Occlusion => colored(&map()?.into_luma8(), |code| match code {
             1 => [90, 160, 90],
             2 => [190, 60, 50],
             3 => [70, 120, 190],
             _ => [0; 3],
         }),
-        Cell::Depth => depth_image(&map()?.into_luma16()),
-        Cell::Normals | Cell::Visibility => map()?.into_rgb8(),
+        Cell::Depth | Cell::LayerDepth => depth_image(&map()?.into_luma16()),
+        Cell::Reference => reference_image(&map()?.into_luma16()),
+        Cell::Normals | Cell::Visibility | Cell::Coverage | Cell::Albedo | Cell::Shadow => {
+            map()?.into_rgb8()
+        }
+    })
+}
+
+/// Sixteen bits a pixel.
+type Deep = image::ImageBuffer<image::Luma<u16>, Vec<u16>>;
+
+/// `h` and `phi` of the reference head, which lie one below the other, in one picture.
+fn reference_image(map: &Deep) -> RgbImage {
+    let height = map.height() / 2;
+    // Codes of 20 mm, and of 20 degrees
+    let share = |code: u16, period: f64| (f64::from(code) / period).fract() * 255.0;
+    RgbImage::from_fn(map.width(), height, |x, y| {
+        let [h, phi] = [y, y + height].map(|row| map.get_pixel(x, row)[0]);
+        if h == 0 {
+            return Rgb([0; 3]);
+        }
+        let (green, red) = (share(h, 20.0 * 64.0), share(phi, 32_767.0 / 9.0));
+        Rgb([red as u8, green as u8, 90])
     })
 }
 
@@ -217,7 +264,7 @@ fn colored(map: &image::GrayImage, color: impl Fn(u8) -> [u8; 3]) -> RgbImage {
 }
 
 /// Bright is near; the range is the image's own.
-fn depth_image(map: &image::ImageBuffer<image::Luma<u16>, Vec<u16>>) -> RgbImage {
+fn depth_image(map: &Deep) -> RgbImage {
     let present = || map.as_raw().iter().copied().filter(|v| *v > 0);
     let (near, far) = (present().min().unwrap_or(0), present().max().unwrap_or(1));
     let range = f64::from(far.saturating_sub(near).max(1));

@@ -5,7 +5,9 @@ use std::sync::Arc;
 
 use facile::Recipe;
 use facile::core::{ReferenceHead, Segment};
+use facile::generate::{Options, Unwatched, generate};
 use facile::pipeline::{Pipeline, Sample, Skips, Worker};
+use facile::sheet::{Cell, SheetSettings, sheet};
 
 const RECIPE: &str = r#"
 [dataset]
@@ -329,4 +331,37 @@ fn shut_lids_hide_the_eye_from_every_side() {
         pixels += seen;
     }
     assert!(pixels <= 4, "{pixels} pixels of eyes in {images} images");
+}
+
+#[test]
+fn a_sheet_shows_every_map() {
+    let all = "[\"landmarks\", \"segments\", \"depth\", \"normals\", \"visibility\", \"occlusion\", \"amodal\", \
+        \"layers\", \"coverage\", \"instances\", \"reference\", \"albedo\", \"shadow\"]";
+    let asked = RECIPE
+        .lines()
+        .find(|l| l.starts_with("truth"))
+        .expect("asked");
+    let recipe =
+        RECIPE.replace(asked, &format!("truth = {all}")) + "\n[[occluder]]\nkind = \"glasses\"\n";
+    let recipe = Recipe::parse(&recipe, Path::new("sheet.toml"), Path::new("")).expect("valid");
+    let dir = tempfile::tempdir().expect("makes");
+    let options = Options {
+        output: Some(dir.path().join("out")),
+        ..Options::default()
+    };
+    generate(&recipe, &options, &Unwatched).expect("makes");
+    let mut seen = Vec::new();
+    for (name, cell) in Cell::ALL {
+        let settings = SheetSettings {
+            show: vec![cell],
+            only: vec![("light.name".to_owned(), "side".to_owned())],
+            ..SheetSettings::default()
+        };
+        let picture =
+            sheet(&dir.path().join("out"), &settings).unwrap_or_else(|e| panic!("{name}: {e}"));
+        let first = picture.get_pixel(0, 0);
+        assert!(picture.pixels().any(|p| p != first), "{name} shows nothing");
+        assert!(!seen.contains(&picture), "{name} shows what another shows");
+        seen.push(picture);
+    }
 }
