@@ -2,16 +2,23 @@
 
 use std::ops::Range;
 
-use plotters::chart::{ChartBuilder, SeriesLabelPosition};
+use plotters::chart::ChartBuilder;
 use plotters::drawing::IntoDrawingArea as _;
-use plotters::element::{Circle, PathElement};
+use plotters::element::{Circle, PathElement, Text};
 use plotters::prelude::SVGBackend;
 use plotters::series::LineSeries;
-use plotters::style::{BLACK, Color as _, RGBColor, WHITE};
+use plotters::style::{Color as _, RGBColor, WHITE};
 
 use super::Plot;
 
+/// Size of the axes with their labels; the legend is to their right.
 const SIZE: (u32, u32) = (720, 440);
+/// Size of the legend's letters, and the most that one of them takes on average.
+const LETTER: (u32, u32) = (12, 7);
+/// Length of a line of the legend, and the space around it.
+const LINE: (i32, i32) = (18, 6);
+/// Height of the legend's first row, and from one to the next.
+const ROWS: (i32, i32) = (48, 20);
 const COLORS: [RGBColor; 8] = [
     RGBColor(31, 119, 180),
     RGBColor(214, 39, 40),
@@ -129,9 +136,12 @@ fn draw(plot: &Plot, svg: &mut String) -> Drawn {
         plot.x.range(all().map(|p| p.0)),
         plot.y.range(all().map(|p| p.1)),
     );
-    let area = SVGBackend::with_string(svg, SIZE).into_drawing_area();
-    area.fill(&WHITE)?;
-    let mut chart = ChartBuilder::on(&area)
+    let letters = plot.curves.iter().map(|c| c.name.chars().count()).max();
+    let legend = letters.unwrap_or(0) as u32 * LETTER.1 + (LINE.0 + 4 * LINE.1) as u32;
+    let whole = SVGBackend::with_string(svg, (SIZE.0 + legend, SIZE.1)).into_drawing_area();
+    whole.fill(&WHITE)?;
+    let (axes, legend) = whole.split_horizontally(SIZE.0);
+    let mut chart = ChartBuilder::on(&axes)
         .caption(&plot.title, ("sans-serif", 17))
         .margin(12)
         .x_label_area_size(42)
@@ -147,22 +157,20 @@ fn draw(plot: &Plot, svg: &mut String) -> Drawn {
         .draw()?;
     for (k, (curve, points)) in plot.curves.iter().zip(&places).enumerate() {
         let color = COLORS[k % COLORS.len()];
-        chart
-            .draw_series(LineSeries::new(
-                points.iter().copied(),
-                color.stroke_width(2),
-            ))?
-            .label(&curve.name)
-            .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], color.stroke_width(2)));
+        let line = LineSeries::new(points.iter().copied(), color.stroke_width(2));
+        chart.draw_series(line)?;
         chart.draw_series(points.iter().map(|p| Circle::new(*p, 3, color.filled())))?;
+        let (x, y) = (LINE.1, ROWS.0 + ROWS.1 * k as i32);
+        let ends = [(x, y), (x + LINE.0, y)];
+        legend.draw(&PathElement::new(ends, color.stroke_width(2)))?;
+        let place = (x + LINE.0 + LINE.1, y - LETTER.0 as i32 / 2);
+        legend.draw(&Text::new(
+            curve.name.as_str(),
+            place,
+            ("sans-serif", LETTER.0),
+        ))?;
     }
-    chart
-        .configure_series_labels()
-        .position(SeriesLabelPosition::UpperRight)
-        .background_style(WHITE.mix(0.85))
-        .border_style(BLACK.mix(0.3))
-        .draw()?;
-    area.present()?;
+    whole.present()?;
     Ok(())
 }
 

@@ -5,8 +5,8 @@
 //! 34 degrees). The eminence is 6.4 mm high and inclined by 35 degrees (Kranjčić et al. 2021: 5.8 to 6.9 mm, 32 to 39
 //! degrees); beyond its crest the path is level. A sideways jaw turns about the condyle it moves to: the other one goes
 //! forwards, down and inwards. The place of the incisors is that of Bonwill's triangle, inclined by Balkwill's angle.
-//! Forward and downward motion are continuously differentiable in opening and protrusion; at the middle a sideways jaw
-//! turns from one condyle to the other, as in the gothic arch that incisors draw.
+//! All of it is continuously differentiable in opening, protrusion and sideways motion: at the middle, where a jaw goes
+//! over from one condyle to the other, the tip of the gothic arch that incisors draw is rounded by a tenth of a millimetre.
 
 use facile_core::{Isometry3, Point3, UnitQuaternion, Vector3};
 
@@ -26,6 +26,8 @@ const EMINENCE_LENGTH_MM: f64 = 9.1;
 const BONWILL: f64 = 0.866;
 /// Inclination of that triangle to the level, rad (Balkwill's angle, 26 degrees).
 const BALKWILL: f64 = 0.454;
+/// How far the condyle that a sideways jaw turns about goes back, twice, mm: what rounds the tip of the gothic arch.
+const ARCH_MM: f64 = 0.2;
 /// Largest turn of the jaw to a side, rad.
 const MAX_YAW: f64 = 0.6;
 
@@ -88,6 +90,14 @@ impl Mandible {
         0.5 * height * (1.0 - libm::cos(std::f64::consts::PI * share))
     }
 
+    /// Forward motion of the condyle that the jaw turns to a side about, and of the other one.
+    fn aside(&self, turn: f64) -> [f64; 2] {
+        let half = 0.5 * self.width * libm::sin(turn);
+        let round = 0.5 * self.size * ARCH_MM;
+        let both = libm::sqrt(half * half + round * round) - round;
+        [both - half, both + half]
+    }
+
     /// Tilt of a jaw whose condyles have gone forward by these ways: the one that has gone farther is lower.
     fn roll(&self, left: f64, right: f64) -> f64 {
         libm::asin(((self.drop(right) - self.drop(left)) / self.width).clamp(-0.5, 0.5))
@@ -99,7 +109,8 @@ impl Mandible {
         let (before, below) = (reach * libm::cos(BALKWILL), reach * libm::sin(BALKWILL));
         let sideways = |yaw: f64| {
             let (s, c) = (libm::sin(yaw), libm::cos(yaw));
-            let roll = self.roll(0.0, self.width * s);
+            let [near, far] = self.aside(yaw);
+            let roll = self.roll(near, far);
             before * s * libm::cos(roll) + below * libm::sin(roll) + 0.5 * self.width * (1.0 - c)
         };
         let (mut low, mut high) = (0.0, MAX_YAW);
@@ -122,19 +133,14 @@ impl Mandible {
         } else {
             self.yaw(jaw.lateral_mm.abs())
         };
-        // The condyle of the other side goes forward by this much more.
-        let more = self.width * libm::sin(turn);
+        let [near, far] = self.aside(turn).map(|way| ahead + way);
         let side = if jaw.lateral_mm < 0.0 { -1.0 } else { 1.0 };
-        let (left, right) = if side > 0.0 {
-            (ahead, ahead + more)
-        } else {
-            (ahead + more, ahead)
-        };
+        let (left, right) = if side > 0.0 { (near, far) } else { (far, near) };
         let inward = 0.5 * self.width * (1.0 - libm::cos(turn));
         let along = [
             side * inward,
             -0.5 * (self.drop(left) + self.drop(right)),
-            ahead + 0.5 * more,
+            0.5 * (near + far),
         ];
         let shift = [self.axis, self.up, self.forward]
             .into_iter()
@@ -234,6 +240,28 @@ mod tests {
             let open = 0.00217 * f64::from(step);
             let kink = sub(slope(open + 1e-4), slope(open));
             assert!(dot(kink, kink).sqrt() < 0.1, "at {open}: {kink:?}");
+        }
+    }
+
+    #[test]
+    fn a_jaw_that_crosses_the_middle_has_no_corner() {
+        let jaw = mandible();
+        // Motion of a point of the chin and of both condyles.
+        let at = |lateral: f64, p: V3| {
+            let pose = JawPose {
+                open_rad: 0.1,
+                lateral_mm: lateral,
+                ..JawPose::default()
+            };
+            jaw.motion(&pose).of(1.0).apply(p)
+        };
+        for p in [[0.0, -110.0, 80.0], [52.0, -22.0, 4.0], [-52.0, -22.0, 4.0]] {
+            let slope = |x: f64| scale(sub(at(x + 1e-4, p), at(x - 1e-4, p)), 5e3);
+            for step in -400..400 {
+                let x = 0.005 * f64::from(step);
+                let kink = sub(slope(x + 1e-3), slope(x));
+                assert!(dot(kink, kink).sqrt() < 0.02, "at {x}: {kink:?}");
+            }
         }
     }
 

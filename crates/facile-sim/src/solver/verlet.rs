@@ -16,8 +16,9 @@ const CHECK: usize = 25;
 const PATH_STEPS: usize = 150;
 /// Checks between measurements of the stiffest motion. Prisms that are squeezed stiffen on the way.
 const MEASURE: usize = 20;
-/// Checks in which the residual has to fall by a tenth; a step near its limit can feed a swing that damping just balances.
-const PATIENCE: usize = 60;
+/// Checks, of steps of full length, in which the residual has to fall by a tenth; a step near its limit can feed a swing
+/// that damping just balances. Shorter steps have more of them: slow motion must not shorten its steps for being slow.
+const PATIENCE: f64 = 60.0;
 /// Contact counts as touching within this distance, mm.
 const TOUCH_MM: f64 = 1e-6;
 
@@ -57,7 +58,7 @@ impl State {
             |x: &[V3]| settings.time_step * 2.0 / (largest_stiffness(load, x) / params.mass).sqrt();
         let mut share = 1.0;
         let mut dt = longest(&self.x);
-        let (mut best, mut waited, mut checks) = (f64::INFINITY, 0, 0);
+        let (mut best, mut waited, mut checks) = (f64::INFINITY, 0.0, 0);
         let mut energy = self.forces(load);
         let mut residual_now = f64::INFINITY;
         let mut iterations = 0;
@@ -88,12 +89,12 @@ impl State {
                 converged = true;
                 break;
             }
-            waited += 1;
+            waited += share;
             if residual_now < 0.9 * best {
-                (best, waited) = (residual_now, 0);
-            } else if waited == PATIENCE {
+                (best, waited) = (residual_now, 0.0);
+            } else if waited >= PATIENCE {
                 share *= 0.5;
-                (best, waited) = (residual_now, 0);
+                (best, waited) = (residual_now, 0.0);
             }
             checks += 1;
             if checks % MEASURE == 0 {
