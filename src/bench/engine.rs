@@ -1,4 +1,4 @@
-//! `facile bench gen`: images a second by size, threads and what neighbours share.
+//! `facile bench gen`: images a second by size, threads and what neighbours share; `facile bench savings`: what is not done.
 
 use std::path::Path;
 use std::time::Instant;
@@ -149,14 +149,23 @@ pub fn engine(effort: Effort) -> Result<Findings, Error> {
         }],
     };
     Ok(Findings {
-        tables: vec![("gen_rate", table), ("gen_skips", skips(effort)?)],
+        tables: vec![("gen_rate", table)],
         plots: vec![("gen_rate", plot)],
     })
 }
 
 /// What each saving saves: the same run with all of them, and without one.
-fn skips(effort: Effort) -> Result<Table, Error> {
-    let mut table = Table::new(&["skip", "images", "seconds_with", "seconds_without", "ratio"]);
+///
+/// # Errors
+/// As [`engine`].
+pub fn savings(effort: Effort) -> Result<Findings, Error> {
+    let mut table = Table::new(&[
+        "saving",
+        "images",
+        "seconds_with",
+        "seconds_without",
+        "ratio",
+    ]);
     let case = Case {
         size: effort.of(64, 256),
         people: People::ScannedAndBlinking,
@@ -184,7 +193,10 @@ fn skips(effort: Effort) -> Result<Table, Error> {
             (less / with).into(),
         ]);
     }
-    Ok(table)
+    Ok(Findings {
+        tables: vec![("gen_savings", table)],
+        plots: Vec::new(),
+    })
 }
 
 /// Number of images, and the median time from start to verified end.

@@ -15,7 +15,7 @@ mod table;
 mod trace;
 
 pub use curve::{Axis, Curve};
-pub use engine::engine;
+pub use engine::{engine, savings};
 pub use flow::flow;
 pub use sim::sim;
 pub use table::{Field, Table};

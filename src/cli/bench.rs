@@ -39,6 +39,8 @@ enum What {
     Trace,
     /// Whole runs: images a second.
     Gen,
+    /// Whole runs without each saving.
+    Savings,
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<u8> {
@@ -49,7 +51,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<u8> {
     };
     let mut what = arguments.what.clone();
     if what.is_empty() {
-        what = vec![What::Flow, What::Sim, What::Trace, What::Gen];
+        what = vec![What::Flow, What::Sim, What::Trace, What::Gen, What::Savings];
     }
     for what in what {
         let findings = match what {
@@ -63,6 +65,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<u8> {
                 }
             },
             What::Gen => bench::engine(effort)?,
+            What::Savings => bench::savings(effort)?,
         };
         tell(&findings);
         findings.save(&arguments.output)?;

@@ -1,5 +1,5 @@
 //! What a scene does not need is not done. Each such saving can be switched off, to see that it changes no byte and what
-//! it saves: `facile bench gen` measures them.
+//! it saves: `facile bench savings` measures them.
 
 /// Savings, each on by default.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
