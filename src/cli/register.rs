@@ -31,7 +31,7 @@ pub(super) struct Arguments {
     /// Even out the light that is baked into the scan's colours.
     #[arg(long)]
     delight: bool,
-    /// Quick look: coarse maps and fewer rounds, half of the time, about a quarter more error.
+    /// Quick look: coarse maps and fewer rounds, half of the time, half as much error again.
     #[arg(long)]
     coarse: bool,
 }

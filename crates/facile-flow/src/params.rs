@@ -64,20 +64,20 @@ impl Default for RegistrationParams {
 impl RegistrationParams {
     /// Settings for a quick look: half of the time of the defaults, at most twice their error.
     ///
-    /// Cells of 3 mm, two rounds of flow, one step onto the surface instead of a slide along it, and a texture of 256 texels
-    /// a side.
+    /// Cells of 3.3 mm, two rounds of flow of one warp a level, no slide along the surface and no step onto it, and a texture
+    /// of 256 texels a side.
     pub fn coarse() -> Self {
         Self {
-            cell_mm: 3.0,
+            cell_mm: 3.3,
             flow: FlowParams {
-                warps: 2,
-                sweeps: 6,
+                warps: 1,
+                sweeps: 4,
                 ..FlowParams::default()
             },
-            nearest_rounds: 4,
+            nearest_rounds: 3,
             smoothing_mm: vec![30.0, 12.0],
             slides_on_surface: false,
-            surface_smoothing_mm: vec![8.0],
+            surface_smoothing_mm: Vec::new(),
             texture_size: 256,
             ..Self::default()
         }
