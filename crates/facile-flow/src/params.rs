@@ -65,7 +65,7 @@ impl RegistrationParams {
     /// Settings for a quick look: half of the time of the defaults, at most twice their error.
     ///
     /// Cells of 3.3 mm, two rounds of flow of one warp a level, no slide along the surface and no step onto it, and a texture
-    /// of 256 texels a side.
+    /// of 192 texels a side.
     pub fn coarse() -> Self {
         Self {
             cell_mm: 3.3,
@@ -74,11 +74,11 @@ impl RegistrationParams {
                 sweeps: 4,
                 ..FlowParams::default()
             },
-            nearest_rounds: 3,
+            nearest_rounds: 4,
             smoothing_mm: vec![30.0, 12.0],
             slides_on_surface: false,
             surface_smoothing_mm: Vec::new(),
-            texture_size: 256,
+            texture_size: 192,
             ..Self::default()
         }
     }
