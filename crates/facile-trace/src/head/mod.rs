@@ -416,7 +416,7 @@ mod tests {
             .collect();
         head.set_positions(&opened).expect("finite");
         let open = radii(&head);
-        assert!(open.iter().all(|r| *r > 8.0 && *r == open[0]), "{open:?}");
+        assert!(open.iter().all(|r| *r > 6.0 && *r == open[0]), "{open:?}");
     }
 
     #[test]

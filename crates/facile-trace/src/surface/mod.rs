@@ -564,7 +564,7 @@ mod tests {
                 Normals::Flat,
                 Material {
                     aperture: Some(Aperture {
-                        center: Vec3::new(40.0, 40.0, 20.0),
+                        ends: [Vec3::new(40.0, 40.0, 20.0), Vec3::new(55.0, 40.0, 20.0)],
                         radius: 15.0,
                     }),
                     ..Material::wet(texture.clone())
