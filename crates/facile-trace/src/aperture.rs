@@ -54,10 +54,10 @@ impl Aperture {
         } else {
             0.0
         };
-        let distance = (from - along * t).norm_squared();
+        let depth = (from - along * t).norm_squared();
         let (half_width, half_length) = (self.radius, self.radius + 0.5 * squared.sqrt());
-        let seen = |half: f32| half / (half * half + distance).sqrt();
-        if distance > 0.0 {
+        let seen = |half: f32| half / (half * half + depth).sqrt();
+        if depth > 0.0 {
             seen(half_width) * seen(half_length)
         } else {
             1.0

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{icosphere, scene_of, soup};
+use common::{icosphere, refitted_and_rebuilt, scene_of, soup};
 use facile_core::rng::RandomStream;
 use facile_core::{Mesh, Vector3};
 use facile_trace::math::{Pose, Rgb, Vec3};
@@ -200,16 +200,7 @@ fn count_leaks(meshes: u64, rays_each: usize) {
 #[test]
 fn refitted_trees_hit_what_rebuilt_trees_hit() {
     let mesh = bumpy_sphere(4);
-    let mut moved = mesh.clone();
-    let mut random = RandomStream::new(11, 0);
-    for p in &mut moved.positions {
-        *p += Vector3::from_fn(|_, _| random.uniform(-9.0, 9.0));
-    }
-    let mut refitted = scene_of(&mesh, Normals::Smooth, [0.5; 3]);
-    refitted.objects_mut()[0]
-        .set_positions(&moved.positions)
-        .expect("finite");
-    let rebuilt = scene_of(&moved, Normals::Smooth, [0.5; 3]);
+    let [refitted, rebuilt] = refitted_and_rebuilt(&mesh);
     let rays = random_rays(4_000, 21);
     let (mut a, mut b) = (Vec::new(), Vec::new());
     refitted.closest_hits(&rays, Layer::All, &mut a);

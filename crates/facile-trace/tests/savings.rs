@@ -2,9 +2,8 @@
 
 mod common;
 
-use common::{busy_scene, camera_at, icosphere, light, scene_of, soup};
-use facile_core::rng::RandomStream;
-use facile_core::{Plane, Vector3};
+use common::{busy_scene, camera_at, icosphere, light, refitted_and_rebuilt, scene_of, soup};
+use facile_core::Plane;
 use facile_trace::math::Pose;
 use facile_trace::{
     Camera, GBuffer, LightSource, Material, Normals, Object, RenderSettings, Samples, Scene, Skips,
@@ -90,16 +89,7 @@ fn every_saving_can_be_switched_off_without_changing_a_byte() {
 #[test]
 fn a_refitted_tree_gives_the_bytes_of_a_rebuilt_one() {
     let mesh = soup(2_000, 7);
-    let mut moved = mesh.clone();
-    let mut random = RandomStream::new(11, 0);
-    for p in &mut moved.positions {
-        *p += Vector3::from_fn(|_, _| random.uniform(-9.0, 9.0));
-    }
-    let mut refitted = scene_of(&mesh, Normals::Smooth, [0.5; 3]);
-    refitted.objects_mut()[0]
-        .set_positions(&moved.positions)
-        .expect("finite");
-    let rebuilt = scene_of(&moved, Normals::Smooth, [0.5; 3]);
+    let [refitted, rebuilt] = refitted_and_rebuilt(&mesh);
     assert!(refitted.objects()[0].bvh().wear() > rebuilt.objects()[0].bvh().wear());
     let camera = camera_at(600.0, 90, 0.4);
     let of = |scene: &Scene| frame(scene, &camera, Samples::ADAPTIVE, Skips::default());

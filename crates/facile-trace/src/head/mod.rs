@@ -396,16 +396,22 @@ mod tests {
         apertures.map(|a| a.radius).collect()
     }
 
+    /// A person and their head.
+    fn person() -> (Subject, HeadScene) {
+        let reference = ReferenceHead::embedded();
+        let subject = IdentityModel::embedded().sample(reference, 1, 0);
+        let subject = subject.expect("samples");
+        let head = HeadScene::new(reference, &subject, Rgb::zeros()).expect("valid");
+        (subject, head)
+    }
+
     #[test]
     fn the_mouth_opens_with_the_lips() {
-        let reference = ReferenceHead::embedded();
-        let subject = IdentityModel::embedded()
-            .sample(reference, 1, 0)
-            .expect("samples");
-        let mut head = HeadScene::new(reference, &subject, Rgb::zeros()).expect("valid");
+        let (subject, mut head) = person();
         let closed = radii(&head);
         assert_eq!(closed.len(), 4, "inner mouth, teeth and tongue");
         assert!(closed.iter().all(|r| *r < 3.0), "{closed:?}");
+        let reference = ReferenceHead::embedded();
         let scheme = reference.scheme("ibug68").expect("known");
         let lips = scheme.positions(&subject.positions, &reference.mesh.triangles);
         let slit = f64::midpoint(lips[62].y, lips[66].y);
@@ -421,11 +427,7 @@ mod tests {
 
     #[test]
     fn hidden_eyes_stay_hidden_when_the_view_comes_near() {
-        let reference = ReferenceHead::embedded();
-        let subject = IdentityModel::embedded()
-            .sample(reference, 1, 0)
-            .expect("samples");
-        let mut head = HeadScene::new(reference, &subject, Rgb::zeros()).expect("valid");
+        let (_, mut head) = person();
         head.show_eyes([true, false]);
         let shown = |head: &HeadScene| {
             [HeadScene::LEFT_EYE, HeadScene::LEFT_CORNEA]

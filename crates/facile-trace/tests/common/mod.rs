@@ -116,6 +116,20 @@ pub(crate) fn scene_of(mesh: &Mesh, normals: Normals, color: [f32; 3]) -> Scene 
     scene
 }
 
+/// A mesh whose vertices all moved by up to 9 mm: its tree refitted, and built anew.
+pub(crate) fn refitted_and_rebuilt(mesh: &Mesh) -> [Scene; 2] {
+    let mut moved = mesh.clone();
+    let mut random = RandomStream::new(11, 0);
+    for p in &mut moved.positions {
+        *p += Vector3::from_fn(|_, _| random.uniform(-9.0, 9.0));
+    }
+    let mut refitted = scene_of(mesh, Normals::Smooth, [0.5; 3]);
+    refitted.objects_mut()[0]
+        .set_positions(&moved.positions)
+        .expect("finite");
+    [refitted, scene_of(&moved, Normals::Smooth, [0.5; 3])]
+}
+
 /// A camera on the `z` axis that looks at the origin.
 pub(crate) fn camera_at(z: f64, size: usize, fov_y: f64) -> Camera {
     let eye = Point3::new(0.0, 0.0, z);
