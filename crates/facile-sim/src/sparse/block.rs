@@ -282,14 +282,19 @@ fn subtract(
             }
             row += ROWS;
         }
-        for k in 0..columns {
-            let target = 3 * (rows[c + k / 3] - start) as usize + k % 3;
-            let target = &mut own[target * leading..];
-            let sums = &strip[k * tall + wide..];
-            for run in &*runs {
+        let mut targets = [0; COLUMNS];
+        for (k, target) in targets.iter_mut().enumerate().take(columns) {
+            *target = (3 * (rows[c + k / 3] - start) as usize + k % 3) * leading;
+        }
+        let sums = &strip[wide..];
+        // Run by run, not column by column: a run's last register overlaps the next run's first one, which should not be
+        // read before it was written.
+        for run in &*runs {
+            let (from, to) = (run.from as usize, run.to as usize);
+            for (k, target) in targets.iter().enumerate().take(columns) {
                 take_run(
-                    &mut target[run.to as usize..],
-                    &sums[run.from as usize..],
+                    &mut own[target + to..],
+                    &sums[k * tall + from..],
                     run.length as usize,
                 );
             }
@@ -298,18 +303,38 @@ fn subtract(
     }
 }
 
+/// Ones for the first numbers of a register, zeros for the rest.
+const FIRST: [[f32; WIDE]; WIDE] = {
+    let mut masks = [[0.0; WIDE]; WIDE];
+    let mut k = 0;
+    while k < WIDE {
+        let mut l = 0;
+        while l < k {
+            masks[k][l] = 1.0;
+            l += 1;
+        }
+        k += 1;
+    }
+    masks
+};
+
 /// `target -= sums`, for so many numbers. Whole registers are read and written: what lies beyond is left as it is.
 #[inline(always)]
 fn take_run(target: &mut [f32], sums: &[f32], length: usize) {
     let mut at = 0;
-    while at < length {
-        let left = length - at;
-        let target = &mut target[at..at + ROWS];
-        let sums = &sums[at..at + ROWS];
-        for l in 0..ROWS {
-            target[l] -= if l < left { sums[l] } else { 0.0 };
+    while at + WIDE <= length {
+        let (target, sums) = (&mut target[at..at + WIDE], &sums[at..at + WIDE]);
+        for l in 0..WIDE {
+            target[l] -= sums[l];
         }
-        at += ROWS;
+        at += WIDE;
+    }
+    if at < length {
+        let (target, sums) = (&mut target[at..at + WIDE], &sums[at..at + WIDE]);
+        let mask = &FIRST[length - at];
+        for l in 0..WIDE {
+            target[l] -= sums[l] * mask[l];
+        }
     }
 }
 
@@ -330,28 +355,69 @@ fn dense(own: &mut [f32], leading: usize, width: usize, height: usize) -> Result
             }
             row += ROWS;
         }
-        for c in 0..columns {
-            let (left, own) = rest.split_at_mut(c * leading);
-            let own = &mut own[j + c..height];
-            for left in left.chunks_exact(leading) {
-                let left = &left[j + c..height];
-                let a = left[0];
-                for (o, l) in own.iter_mut().zip(left) {
-                    *o -= a * l;
-                }
-            }
-            let pivot = own[0];
-            if !(pivot > 0.0 && pivot.is_finite()) {
-                return Err(j + c);
-            }
-            smallest = smallest.min(pivot);
-            let inverse = 1.0 / pivot.sqrt();
-            own[0] = inverse;
-            for o in &mut own[1..] {
-                *o *= inverse;
+        let pivot = if columns == 6 {
+            triangle::<6>(rest, leading, j, height)
+        } else {
+            triangle::<3>(rest, leading, j, height)
+        };
+        smallest = smallest.min(pivot?);
+        j += columns;
+    }
+    Ok(smallest)
+}
+
+/// Factors the columns `j..j + C` of a panel, which `rest` begins with, after those before them were taken out.
+#[inline(always)]
+fn triangle<const C: usize>(
+    rest: &mut [f32],
+    leading: usize,
+    j: usize,
+    height: usize,
+) -> Result<f32, usize> {
+    let mut smallest = f32::INFINITY;
+    let mut top = [[0.0; C]; C];
+    for (c, column) in top.iter_mut().enumerate() {
+        column.copy_from_slice(&rest[c * leading + j..][..C]);
+    }
+    for c in 0..C {
+        for k in 0..c {
+            for r in c..C {
+                top[c][r] -= top[k][c] * top[k][r];
             }
         }
-        j += columns;
+        let pivot = top[c][c];
+        if !(pivot > 0.0 && pivot.is_finite()) {
+            return Err(j + c);
+        }
+        smallest = smallest.min(pivot);
+        let inverse = 1.0 / pivot.sqrt();
+        top[c][c] = inverse;
+        for r in c + 1..C {
+            top[c][r] *= inverse;
+        }
+    }
+    // The first register may hold rows above: they are put back, or never read.
+    let mut row = (j + C) / ROWS * ROWS;
+    while row < height {
+        let mut rows = [[0.0; ROWS]; C];
+        for c in 0..C {
+            rows[c] = strip(&rest[c * leading..], row);
+            for k in 0..c {
+                for l in 0..ROWS {
+                    rows[c][l] -= top[k][c] * rows[k][l];
+                }
+            }
+            for l in 0..ROWS {
+                rows[c][l] *= top[c][c];
+            }
+        }
+        for (c, rows) in rows.iter().enumerate() {
+            rest[c * leading + row..][..ROWS].copy_from_slice(rows);
+        }
+        row += ROWS;
+    }
+    for (c, column) in top.iter().enumerate() {
+        rest[c * leading + j + c..][..C - c].copy_from_slice(&column[c..]);
     }
     Ok(smallest)
 }
