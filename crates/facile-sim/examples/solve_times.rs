@@ -1,7 +1,9 @@
 //! Time, iterations and certificate of every built-in expression on the mean head and on sampled identities.
 //!
 //! `cargo run --release --example solve_times -- [--identities N] [--seed S] [--solver KIND] [--compare] [--repeat R]
-//! [--ladder RUNGS] [--random COUNT] [--nodes DIR] [--moderate] [--muscles FILE] [--expressions FILE] [names]`, names being expressions, `MUSCLE=C` or `jaw=DEGREES`
+//! [--intensity I]
+//! [--ladder RUNGS] [--random COUNT] [--nodes DIR] [--moderate] [--muscles FILE] [--expressions FILE] [names]`, names
+//! being expressions, `MUSCLE=C` or `jaw=DEGREES`
 //!
 //! `--ladder` climbs to each pose over so many intensities, and solves each of them on its own. `--compare` solves with the default as well and prints the largest distance between nodes; `--nodes` writes the nodes
 //! to one file a solve, mm, for comparison with another version of the solver.
@@ -28,6 +30,7 @@ struct Options {
     ladder: Option<usize>,
     random: Option<usize>,
     moderate: bool,
+    intensity: f64,
     nodes: Option<PathBuf>,
     params: SolverParams,
     muscles: MuscleSet,
@@ -44,6 +47,7 @@ fn options() -> Result<Options, Box<dyn Error>> {
         ladder: None,
         random: None,
         moderate: false,
+        intensity: 1.0,
         nodes: None,
         params: SolverParams::default(),
         muscles: MuscleSet::embedded().clone(),
@@ -61,6 +65,7 @@ fn options() -> Result<Options, Box<dyn Error>> {
             "--ladder" => o.ladder = Some(value()?.parse()?),
             "--random" => o.random = Some(value()?.parse()?),
             "--nodes" => o.nodes = Some(value()?.into()),
+            "--intensity" => o.intensity = value()?.parse()?,
             "--moderate" => o.moderate = true,
             "--tolerance" => o.params.tolerance = value()?.parse()?,
             "--step" => o.params.continuation_step = value()?.parse()?,
@@ -88,7 +93,7 @@ fn poses(o: &Options) -> Result<Vec<(String, Pose)>, Box<dyn Error>> {
     let mut poses = Vec::new();
     for e in o.expressions.expressions() {
         if o.names.is_empty() || o.names.contains(&e.name) {
-            poses.push((e.name.clone(), e.pose(&o.muscles)?));
+            poses.push((e.name.clone(), e.pose(&o.muscles)?.scaled(o.intensity)));
         }
     }
     for name in &o.names {

@@ -9,7 +9,9 @@
 use crate::depth;
 use crate::kinematics::Rigid;
 use crate::skull::HeightField;
-use crate::vector::{V3, add_scaled, dot, norm, rotate, rotate_back, scale, sub, unit};
+use crate::vector::{
+    M3, V3, ZERO, add_scaled, dot, norm, rotate, rotate_back, scale, sub, transpose, unit,
+};
 
 /// Nodes nearer than this to skull or eyeball touch it, mm.
 const TOUCH_MM: f64 = 1e-6;
@@ -62,20 +64,28 @@ pub(crate) struct Contacts {
     pub(crate) lips: Vec<LipContact>,
 }
 
-/// Where each contact's gap was measured last and by how much it exceeded touching, mm: nodes that have moved less than
-/// that allows need not be looked at.
+/// Where each contact's gap was measured last, and what it was there.
 #[derive(Debug, Default)]
-pub(crate) struct Clearance(Vec<(V3, f64)>);
+pub(crate) struct Measured(Vec<(V3, Gap)>);
 
 /// A gap changes by at most this much per mm of motion.
 const STEEPEST: f64 = 4.0;
 
-impl Clearance {
+impl Measured {
+    /// Whether the node of contact `c`, at `x`, has not come near enough since to touch.
     #[inline]
-    fn holds(&self, c: usize, x: V3) -> bool {
-        let (at, gap) = self.0[c];
-        let way = sub(x, at);
-        gap > 0.0 && STEEPEST * STEEPEST * dot(way, way) < gap * gap
+    fn clears(&self, c: usize, x: V3) -> bool {
+        let (at, gap) = &self.0[c];
+        let way = sub(x, *at);
+        let free = gap.value - TOUCH_MM;
+        free > 0.0 && STEEPEST * STEEPEST * dot(way, way) < free * free
+    }
+
+    /// The least that the gap of contact `c` is at `x`, mm.
+    #[inline]
+    fn least(&self, c: usize, x: V3) -> f64 {
+        let (at, gap) = &self.0[c];
+        gap.value - STEEPEST * norm(sub(x, *at))
     }
 }
 
@@ -106,6 +116,15 @@ pub(crate) struct Gap {
     /// Gradient by the contact's node.
     pub(crate) gradient: V3,
 }
+
+/// Before a gap was measured: nothing is clear of it, and no node is there.
+const UNKNOWN: (V3, Gap) = (
+    [f64::INFINITY; 3],
+    Gap {
+        value: 0.0,
+        gradient: ZERO,
+    },
+);
 
 impl PosedContacts<'_> {
     /// Number of contacts with skull and eyeballs.
@@ -206,22 +225,33 @@ impl PosedContacts<'_> {
         }
     }
 
+    /// The gap of contact `c`, which was measured at `x` or is now.
+    #[inline]
+    fn gap_from(&self, c: usize, x: &[V3], measured: &Measured) -> Gap {
+        let (at, gap) = &measured.0[c];
+        if *at == x[self.node(c)] {
+            *gap
+        } else {
+            self.gap(c, x)
+        }
+    }
+
     /// Finds the nodes that rest on skull or eyeball: those that touch and that the `gradient` pushes in. Writes their
     /// normals, zero for the others.
     pub(crate) fn resting(
         &self,
         x: &[V3],
         gradient: &[V3],
-        clearance: &Clearance,
+        measured: &Measured,
         normals: &mut [V3],
     ) {
-        normals.fill([0.0; 3]);
+        normals.fill(ZERO);
         for c in 0..self.len() {
             let node = self.node(c);
-            if clearance.holds(c, x[node]) {
+            if measured.clears(c, x[node]) {
                 continue;
             }
-            let gap = self.gap(c, x);
+            let gap = self.gap_from(c, x, measured);
             if gap.value <= TOUCH_MM && dot(gradient[node], gap.gradient) > 0.0 {
                 normals[node] = unit(gap.gradient);
             }
@@ -229,25 +259,86 @@ impl PosedContacts<'_> {
     }
 
     /// Takes the part along the normals at `x` out of `gradient`, for nodes that rest by `normals`.
-    pub(crate) fn reduce(&self, x: &[V3], normals: &[V3], gradient: &mut [V3]) {
+    pub(crate) fn reduce(
+        &self,
+        x: &[V3],
+        normals: &[V3],
+        measured: &Measured,
+        gradient: &mut [V3],
+    ) {
         for c in 0..self.len() {
             let node = self.node(c);
-            if normals[node] != [0.0; 3] {
-                let n = unit(self.gap(c, x).gradient);
+            if normals[node] != ZERO {
+                let n = unit(self.gap_from(c, x, measured).gradient);
                 gradient[node] = add_scaled(gradient[node], n, -dot(gradient[node], n));
             }
         }
     }
 
-    /// Adds the nodes that would come to rest if each moved alone: those that are pushed in by more than their own
-    /// `stiffness` takes up over the gap. Writes their normals.
-    pub(crate) fn landing(&self, x: &[V3], gradient: &[V3], stiffness: &[f64], normals: &mut [V3]) {
+    /// Calls `f(node, second derivatives)` for nodes that rest by `normals`. A node that keeps to a curved surface feels
+    /// its curvature times the force on it; only the part along the surface.
+    pub(crate) fn curvature(
+        &self,
+        x: &[V3],
+        gradient: &[V3],
+        normals: &[V3],
+        mut f: impl FnMut(usize, M3),
+    ) {
         for c in 0..self.len() {
             let node = self.node(c);
-            if normals[node] != [0.0; 3] || stiffness[node] <= 0.0 {
+            let n = normals[node];
+            if n == ZERO {
                 continue;
             }
-            let gap = self.gap(c, x);
+            let gap = self.gap(c, x).gradient;
+            let push = dot(gradient[node], gap) / dot(gap, gap);
+            let bend = self.bend(c, x).map(|row| scale(row, -push));
+            let cut = |m: M3| m.map(|row| add_scaled(row, n, -dot(row, n)));
+            f(node, transpose(&cut(transpose(&cut(bend)))));
+        }
+    }
+
+    /// Second derivatives of the gap of contact `c`, 1/mm.
+    fn bend(&self, c: usize, x: &[V3]) -> M3 {
+        if let Some(s) = self.contacts.skull.get(c) {
+            let frame = &self.frames[c];
+            let local = rotate_back(&frame.rotation, sub(x[s.node as usize], frame.translation));
+            let turn = |m: M3| m.map(|row| rotate(&frame.rotation, row));
+            let bend = turn(transpose(&turn(self.field.curvature(local))));
+            bend.map(|row| scale(row, s.cosine))
+        } else {
+            let s = &self.contacts.eyes[c - self.contacts.skull.len()];
+            let away = sub(x[s.node as usize], self.eyes[s.eye as usize]);
+            let distance = norm(away).max(1e-9);
+            let n = scale(away, 1.0 / distance);
+            [0, 1, 2].map(|k| {
+                let mut row = scale(n, -n[k] / distance);
+                row[k] += 1.0 / distance;
+                row
+            })
+        }
+    }
+
+    /// Adds the nodes that would come to rest if each moved alone: those that are pushed in by more than their own
+    /// `stiffness` takes up over the gap. Writes their normals.
+    pub(crate) fn landing(
+        &self,
+        x: &[V3],
+        gradient: &[V3],
+        stiffness: &[f64],
+        measured: &Measured,
+        normals: &mut [V3],
+    ) {
+        for c in 0..self.len() {
+            let node = self.node(c);
+            if normals[node] != ZERO || stiffness[node] <= 0.0 {
+                continue;
+            }
+            let most = STEEPEST * norm(gradient[node]);
+            if measured.least(c, x[node]) * stiffness[node] > most {
+                continue;
+            }
+            let gap = self.gap_from(c, x, measured);
             let push = dot(gradient[node], gap.gradient);
             if push > 0.0 && gap.value * stiffness[node] < push {
                 normals[node] = unit(gap.gradient);
@@ -255,23 +346,20 @@ impl PosedContacts<'_> {
         }
     }
 
-    /// Puts nodes onto skull and eyeballs: those that rest there already, and those that are below.
-    pub(crate) fn settle(&self, x: &mut [V3], normals: &[V3], clearance: &mut Clearance) {
-        clearance.0.resize(self.len(), ([0.0; 3], 0.0));
+    /// Puts nodes onto skull and eyeballs: those that rest there already, and those that are below. Measures the gaps
+    /// of all that may touch.
+    pub(crate) fn settle(&self, x: &mut [V3], normals: &[V3], measured: &mut Measured) {
+        measured.0.resize(self.len(), UNKNOWN);
         for c in 0..self.len() {
             let node = self.node(c);
-            let rests = normals[node] != [0.0; 3];
-            if !rests && clearance.holds(c, x[node]) {
+            let rests = normals[node] != ZERO;
+            if !rests && measured.clears(c, x[node]) {
                 continue;
             }
-            clearance.0[c].1 = 0.0;
-            for _ in 0..4 {
+            for _ in 0..5 {
                 let gap = self.gap(c, x);
-                if gap.value > 0.0 && !rests {
-                    clearance.0[c] = (x[node], gap.value - TOUCH_MM);
-                    break;
-                }
-                if gap.value.abs() < EXACT_MM {
+                measured.0[c] = (x[node], gap);
+                if gap.value > 0.0 && !rests || gap.value.abs() < EXACT_MM {
                     break;
                 }
                 let back = -gap.value / dot(gap.gradient, gap.gradient);

@@ -5,6 +5,7 @@
 
 use crate::elements::PrismGroup;
 use crate::simd::{Kernel, LANES, Lanes, lanes, total};
+use crate::springs::Spring;
 use crate::vector::V3;
 
 /// Springs shorter than this have no direction, mm.
@@ -44,22 +45,22 @@ impl Kernel for EdgeSprings<'_> {
             }
             let length =
                 lanes(|l| (d[0][l] * d[0][l] + d[1][l] * d[1][l] + d[2][l] * d[2][l]).sqrt());
-            let stretch = lanes(|l| length[l] - rest[l]);
-            let pull = lanes(|l| {
+            let mut pull = [0.0; LANES];
+            for l in 0..LANES {
+                let law = Spring {
+                    stiffness: k[l],
+                    rest: rest[l],
+                    brace,
+                };
+                let (twice, force) = law.energy(length[l]);
+                energy[l] += twice;
                 let floor = if length[l] > MIN_LENGTH_MM {
                     length[l]
                 } else {
                     MIN_LENGTH_MM
                 };
-                k[l] * stretch[l] / floor
-            });
-            energy = lanes(|l| {
-                let straight = k[l] * stretch[l] * stretch[l];
-                let highest = k[l] * rest[l] * rest[l] / (k[l] + brace);
-                let buckled = brace * (highest - length[l] * length[l]);
-                energy[l] + if pull[l] < -brace { buckled } else { straight }
-            });
-            let pull = lanes(|l| if pull[l] < -brace { -brace } else { pull[l] });
+                pull[l] = force / floor;
+            }
             for c in 0..3 {
                 let f = lanes(|l| d[c][l] * pull[l]);
                 on_skin[a][c] += f[0] + f[2];

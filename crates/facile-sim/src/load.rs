@@ -159,7 +159,8 @@ impl<'a> Load<'a> {
         for i in 0..n {
             let d = sub(x[i], x[n + i]);
             let length = norm(d);
-            let (spring, pull) = springs.vertical(i, length);
+            let (spring, pull) = springs.vertical(i).energy(length);
+            let pull = pull / length.max(1e-9);
             let hold = sub(x[n + i], self.anchors[i]);
             let k = self.attachment[i];
             energy += spring + k * dot(hold, hold);

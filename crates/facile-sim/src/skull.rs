@@ -9,7 +9,7 @@
 use crate::SimError;
 use crate::layers::{Layers, area_vector};
 use crate::sparse::BandMatrix;
-use crate::vector::{V3, add, norm, scale};
+use crate::vector::{V3, ZERO, add, norm, scale};
 
 /// Distance of the knots in height on the reference head, mm.
 const KNOT_H_MM: f64 = 5.0;
@@ -201,6 +201,70 @@ impl HeightField {
         let gradient = [sin - turn * cos, -height.over_h, cos + turn * sin];
         (radius - height.radius, gradient)
     }
+
+    /// Second derivatives of the gap at a point, 1/mm.
+    pub(crate) fn curvature(&self, p: V3) -> [V3; 3] {
+        let (radius, side, half) = cylindrical(p);
+        let Bend {
+            over_side,
+            h_h,
+            h_side,
+            side_side,
+        } = self.bend(p[1], side);
+        let (sin, cos) = (p[0] / radius, p[2] / radius);
+        let (out, around) = ([sin, 0.0, cos], [cos, 0.0, -sin]);
+        // First and second derivative of the side by the angle, times those of the angle by place.
+        let turn = 0.5 * half / radius;
+        let outer = |a: V3, b: V3, k: f64| a.map(|a| b.map(|b| k * a * b));
+        let up = [0.0, 1.0, 0.0];
+        let twice = (1.0 + 0.25 * side * over_side / radius) / radius - side_side * turn * turn;
+        let skew = over_side * turn / radius;
+        let terms = [
+            outer(around, around, twice),
+            outer(around, out, skew),
+            outer(out, around, skew),
+            outer(up, up, -h_h),
+            outer(up, around, -h_side * turn),
+            outer(around, up, -h_side * turn),
+        ];
+        let mut sum = [ZERO; 3];
+        for term in terms {
+            for (row, t) in sum.iter_mut().zip(term) {
+                *row = add(*row, t);
+            }
+        }
+        sum
+    }
+
+    /// First derivative over the side and second derivatives of the radius; zero beyond the fitted region.
+    fn bend(&self, h: f64, side: f64) -> Bend {
+        let (row, u, clamped_h) = cell((h - self.h0) * self.per_h, self.rows);
+        let (column, v, clamped_side) = cell((side - self.side0) / KNOT_SIDE, self.columns);
+        let product = |a: [f64; 4], b: [f64; 4]| -> f64 {
+            (0..4)
+                .map(|i| {
+                    let line = &self.coefficients[(row + i) * self.columns + column..][..4];
+                    a[i] * (line[0] * b[0] + line[1] * b[1] + line[2] * b[2] + line[3] * b[3])
+                })
+                .sum()
+        };
+        let per_h = if clamped_h { 0.0 } else { self.per_h };
+        let per_side = if clamped_side { 0.0 } else { 1.0 / KNOT_SIDE };
+        Bend {
+            over_side: per_side * product(basis(u), slope(v)),
+            h_h: per_h * per_h * product(bending(u), basis(v)),
+            h_side: per_h * per_side * product(slope(u), slope(v)),
+            side_side: per_side * per_side * product(basis(u), bending(v)),
+        }
+    }
+}
+
+/// How the field bends.
+struct Bend {
+    over_side: f64,
+    h_h: f64,
+    h_side: f64,
+    side_side: f64,
 }
 
 struct Sample {
@@ -272,6 +336,10 @@ fn slope(t: f64) -> [f64; 4] {
     ]
 }
 
+fn bending(t: f64) -> [f64; 4] {
+    [1.0 - t, 3.0 * t - 2.0, 1.0 - 3.0 * t, t]
+}
+
 /// A field fitted to a patch of an ellipsoid.
 #[cfg(test)]
 pub(crate) fn test_patch() -> HeightField {
@@ -327,6 +395,27 @@ mod tests {
                 "{slope} {}",
                 gradient[k]
             );
+        }
+    }
+
+    #[test]
+    fn its_curvature_is_the_slope_of_its_gradient() {
+        let field = test_patch();
+        for p in [[30.0, 10.0, 72.0], [-51.0, -33.0, 40.0], [2.0, 41.0, 83.0]] {
+            let curvature = field.curvature(p);
+            for k in 0..3 {
+                let (mut q, mut r) = (p, p);
+                q[k] += 1e-5;
+                r[k] -= 1e-5;
+                let (q, r) = (field.gap(q).1, field.gap(r).1);
+                for l in 0..3 {
+                    let slope = (q[l] - r[l]) / 2e-5;
+                    assert!(
+                        (slope - curvature[k][l]).abs() < 1e-8,
+                        "{k} {l}: {slope} {curvature:?}"
+                    );
+                }
+            }
         }
     }
 

@@ -4,9 +4,11 @@
 //! `l` and a length `L`. Between nodes a few tenths of a millimetre apart, at the rims of lips and lids, that push is
 //! stronger than all that holds them, and they have two places, to either side. So a spring pushes with `brace L` at most,
 //! as a strut does that buckles, and the brace of all springs together is what the shape term holds:
-//! `k_s sum |x_i - c|^2 / 2` of a prism is `k_s / 6` for each of its 15 pairs of nodes, and springs join those very pairs. With its
-//! energy below the limit, `brace (k l^2 / (k + brace) - L^2) / 2`, the concave part of every spring is made up for by shape,
-//! and the energy of springs, attachments, shape and lips is convex: it has one minimum, wherever a solver comes from.
+//! `k_s sum |x_i - c|^2 / 2` of a prism is `k_s / 6` for each of its 15 pairs of nodes, and springs join those very pairs.
+//! Its slope falls evenly from `k` at rest to `-brace`, where the push has come down to `brace L`, and stays there: never
+//! below `-brace`, so that shape makes up for the concave part of every spring, and the energy of springs, attachments,
+//! shape and lips is convex. It has one minimum, wherever a solver comes from. Its second derivative has no jump, which a
+//! solver would go back and forth across.
 
 use crate::params::PaperParams;
 use crate::simd::{LANES, Lanes};
@@ -72,18 +74,59 @@ impl Springs {
     }
 }
 
+/// One spring.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Spring {
+    pub(crate) stiffness: f64,
+    pub(crate) rest: f64,
+    /// The most that it pushes, over its length.
+    pub(crate) brace: f64,
+}
+
+impl Spring {
+    /// Compression at which the slope has fallen to minus the brace.
+    #[inline(always)]
+    fn yielding(&self) -> f64 {
+        2.0 * self.brace * self.rest / (self.stiffness + self.brace)
+    }
+
+    /// Twice the energy, and the pull.
+    #[inline(always)]
+    pub(crate) fn energy(&self, length: f64) -> (f64, f64) {
+        let (k, brace) = (self.stiffness, self.brace);
+        let stretch = length - self.rest;
+        let width = self.yielding();
+        // Half the fall of the slope over the width; springs without a length at rest are never pressed.
+        let loss = (k + brace) * (k + brace) / (4.0 * brace * self.rest + 1e-12);
+        let pressed = if stretch < 0.0 { -stretch } else { 0.0 };
+        let lost = loss * pressed * pressed;
+        let straight = (
+            k * stretch + lost,
+            k * stretch * stretch - lost * pressed * (2.0 / 3.0),
+        );
+        let end = self.rest - width;
+        let highest = width * width * (2.0 * k - brace) * (1.0 / 3.0) + brace * end * end;
+        let buckled = (-brace * length, highest - brace * length * length);
+        let (pull, energy) = if pressed <= width { straight } else { buckled };
+        (energy, pull)
+    }
+
+    /// Derivative of the pull by the length.
+    #[inline(always)]
+    pub(crate) fn slope(&self, length: f64) -> f64 {
+        let pressed = (self.rest - length).max(0.0);
+        let share = (pressed / self.yielding()).min(1.0);
+        self.stiffness - (self.stiffness + self.brace) * share
+    }
+}
+
 impl Springs {
-    /// Twice the energy and the pull over length of the spring between skin and fascia of node `i`.
-    pub(crate) fn vertical(&self, i: usize, length: f64) -> (f64, f64) {
-        let (k, rest) = (self.vertical_stiffness, self.vertical_length[i]);
-        let stretch = length - rest;
-        let pull = k * stretch / length.max(1e-9);
-        let brace = self.vertical_brace[i];
-        if pull < -brace {
-            let highest = k * rest * rest / (k + brace);
-            (brace * (highest - length * length), -brace)
-        } else {
-            (k * stretch * stretch, pull)
+    /// The spring between skin and fascia of node `i`.
+    pub(crate) fn vertical(&self, i: usize) -> Spring {
+        Spring {
+            stiffness: self.vertical_stiffness,
+            rest: self.vertical_length[i],
+            brace: self.vertical_brace[i],
         }
     }
 }
@@ -150,6 +193,40 @@ mod tests {
         let factors = van_gelder(&[[0, 1, 2], [0, 3, 1]], &edges, &x);
         assert!((factors[0] - h).abs() < 1e-12);
         assert!((factors[1] - 0.5 * h).abs() < 1e-12);
+    }
+
+    #[test]
+    fn springs_yield_smoothly_and_push_no_more_than_their_brace() {
+        for (stiffness, rest, brace) in [(2400.0, 1.1, 10.0), (40.0, 3.0, 10.0), (0.05, 2.0, 10.0)]
+        {
+            let spring = Spring {
+                stiffness,
+                rest,
+                brace,
+            };
+            for k in 1..400 {
+                let length = 0.005 * rest * f64::from(k);
+                let (_, pull) = spring.energy(length);
+                let step = 1e-6 * rest;
+                let (above, below) = (spring.energy(length + step), spring.energy(length - step));
+                let force = 0.5 * (above.0 - below.0) / (2.0 * step);
+                let slope = (above.1 - below.1) / (2.0 * step);
+                let near = |a: f64, b: f64| (a - b).abs() < 2e-4 * stiffness * rest;
+                assert!(
+                    near(force, pull) && near(slope, spring.slope(length)),
+                    "{length}"
+                );
+                assert!(pull >= -brace * length * (1.0 + 1e-12) && spring.slope(length) >= -brace);
+                assert!(length < rest || near(pull, stiffness * (length - rest)));
+            }
+        }
+        let none = Spring {
+            stiffness: 7.0,
+            rest: 0.0,
+            brace: 1.0,
+        };
+        assert_eq!(none.energy(2.0), (28.0, 14.0));
+        assert_eq!(none.energy(0.0), (0.0, 0.0));
     }
 
     #[test]

@@ -36,6 +36,10 @@ pub(crate) fn product(a: &M3, b: &M3) -> M3 {
     })
 }
 
+pub(crate) fn transpose(m: &M3) -> M3 {
+    [0, 1, 2].map(|c| m.map(|row| row[c]))
+}
+
 /// `a + s b`.
 #[inline]
 pub(crate) fn add_scaled(a: V3, b: V3, s: f64) -> V3 {

@@ -11,7 +11,7 @@ use crate::elements::Volume;
 use crate::load::Load;
 use crate::simd::{Kernel, LANES, dispatch, lanes};
 use crate::sparse::{Block, BlockFactor, NO_BLOCK, Pattern};
-use crate::springs::ends;
+use crate::springs::{Spring, ends};
 use crate::vector::{V3, ZERO, dot, norm, scale, sub};
 
 /// Rows of the nodes that the solver moves, and where prisms add to the matrix.
@@ -149,6 +149,20 @@ impl Preconditioner {
         }
     }
 
+    /// Adds the curvature of the surfaces below resting nodes to an assembled matrix.
+    pub(crate) fn bend(&mut self, load: &Load<'_>, x: &[V3], gradient: &[V3], normals: &[V3]) {
+        let diagonal = &load.model.template.pattern.diagonal;
+        let matrix = &mut self.matrix;
+        load.contacts.curvature(x, gradient, normals, |node, bend| {
+            let block = &mut matrix[diagonal[node] as usize];
+            for (row, b) in block.iter_mut().zip(bend) {
+                for (m, b) in row.iter_mut().zip(b) {
+                    *m += b;
+                }
+            }
+        });
+    }
+
     /// Factors the matrix, once after it was assembled. `normals`: of nodes that rest on a surface and stay on it, else
     /// zero.
     pub(crate) fn factor(
@@ -217,7 +231,7 @@ impl Preconditioner {
 pub(crate) enum Hessian {
     /// All of them: indefinite far from rest.
     Exact,
-    /// Without the sideways push of compressed springs, those that buckle as stiff along as they were straight, and
+    /// Without the sideways push of compressed springs, those that yield as stiff along as at rest, and
     /// without the bending of prisms under pressure: never indefinite.
     Positive,
 }
@@ -273,10 +287,14 @@ impl Assembly<'_> {
         let system = &self.load.model.template.pattern;
         let d = sub(self.x[a as usize], self.x[b as usize]);
         let length = norm(d).max(1e-9);
-        let across = k * (1.0 - rest / length);
+        let spring = Spring {
+            stiffness: k,
+            rest,
+            brace,
+        };
+        let across = spring.energy(length).1 / length;
         let (stiffness, across) = match self.hessian {
-            Hessian::Exact if across < -brace => (-brace, -brace),
-            Hessian::Exact => (k, across),
+            Hessian::Exact => (spring.slope(length), across),
             Hessian::Positive => (k, across.max(0.0)),
         };
         let along = (stiffness - across) / (length * length);
@@ -404,7 +422,9 @@ fn cut_columns(m: &mut Block, n: V3) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::vector::add_scaled;
+    use crate::contact::Measured;
+    use crate::model::FaceModel;
+    use crate::vector::{add_scaled, unit};
     use crate::{FaceRig, MuscleSet, Pose};
     use facile_core::ReferenceHead;
 
@@ -417,17 +437,26 @@ mod tests {
         check(&Load::new(&model, pose).expect("valid"));
     }
 
-    /// A vector, what the matrix makes of it, and the largest difference from what the gradient's slope says, over the
-    /// largest part.
-    fn product(load: &Load<'_>, matrix: &Preconditioner, x: &[V3]) -> (Vec<V3>, Vec<V3>, f64) {
-        let model = load.model;
-        let system = &model.template.pattern;
-        let v: Vec<V3> = (0..x.len())
-            .map(|i| {
-                let moves = f64::from(u8::from(model.template.moving[i]));
-                [0.3, 1.7, 2.9].map(|f| moves * libm::sin(f * i as f64 + f))
-            })
-            .collect();
+    /// Motion of the nodes that move, without a pattern.
+    fn motion(model: &FaceModel) -> Vec<V3> {
+        let moving = model.template.moving.iter().enumerate();
+        let any = |i: usize| [0.3, 1.7, 2.9].map(|f| libm::sin(f * i as f64 + f));
+        moving
+            .map(|(i, m)| if *m { any(i) } else { ZERO })
+            .collect()
+    }
+
+    /// Moves nodes by up to 0.7 mm: no spring is left where its law has a corner in its second derivative.
+    fn crumple(x: &mut [V3]) {
+        for (i, p) in x.iter_mut().enumerate() {
+            let away = [1.3, 2.1, 0.7].map(|f| libm::sin(f * i as f64));
+            *p = add_scaled(*p, away, 0.4);
+        }
+    }
+
+    /// What the matrix makes of a motion.
+    fn product(load: &Load<'_>, matrix: &Preconditioner, v: &[V3]) -> Vec<V3> {
+        let system = &load.model.template.pattern;
         let mut product = vec![ZERO; v.len()];
         for ([a, b], block) in system.pattern.pairs().zip(&matrix.matrix) {
             let [a, b] = [a, b].map(|row| system.nodes[row as usize] as usize);
@@ -436,36 +465,59 @@ mod tests {
                 product[a] = add_scaled(product[a], times_back(block, v[b]), 1.0);
             }
         }
-        let slope = |t: f64| {
+        product
+    }
+
+    /// Largest difference of a product from the slope of a gradient, to fourth order in a step, over the largest part.
+    fn difference(
+        model: &FaceModel,
+        product: &[V3],
+        step: f64,
+        gradient: impl FnMut(f64) -> Vec<V3>,
+    ) -> f64 {
+        let [a, b, c, d] = [step, -step, 2.0 * step, -2.0 * step].map(gradient);
+        let size = product.iter().map(|p| norm(*p)).fold(0.0, f64::max);
+        let mut worst = 0.0f64;
+        for i in (0..product.len()).filter(|i| model.template.moving[*i]) {
+            for k in 0..3 {
+                let slope = 8.0 * (a[i][k] - b[i][k]) - (c[i][k] - d[i][k]);
+                worst = worst.max((slope / (12.0 * step) - product[i][k]).abs() / size);
+            }
+        }
+        worst
+    }
+
+    /// The same for a motion from `x` that nothing bounds.
+    fn free_difference(load: &Load<'_>, matrix: &Preconditioner, x: &[V3]) -> f64 {
+        let v = motion(load.model);
+        let product = product(load, matrix, &v);
+        difference(load.model, &product, 5e-5, |t| {
             let moved = x.iter().zip(&v);
             let y: Vec<V3> = moved.map(|(p, v)| add_scaled(*p, *v, t)).collect();
             let mut gradient = vec![ZERO; y.len()];
             load.energy(&y, &mut gradient);
             gradient
-        };
-        // Fourth order in the step.
-        let [a, b, c, d] = [1e-4, -1e-4, 2e-4, -2e-4].map(slope);
-        let size = product.iter().map(|p| norm(*p)).fold(0.0, f64::max);
-        let mut worst = 0.0f64;
-        for i in (0..v.len()).filter(|i| model.template.moving[*i]) {
-            for k in 0..3 {
-                let measured = (8.0 * (a[i][k] - b[i][k]) - (c[i][k] - d[i][k])) / 12e-4;
-                worst = worst.max((measured - product[i][k]).abs() / size);
-            }
-        }
-        (v, product, worst)
+        })
     }
 
     #[test]
-    fn at_rest_the_matrix_is_the_hessian_and_its_factor_inverts_it() {
+    fn at_rest_nothing_is_left_out_and_the_factor_inverts_the_matrix() {
         posed(&Pose::default(), |load| {
             let system = &load.model.template.pattern;
             let mut matrix = Preconditioner::new(system);
+            matrix.assemble(load, &load.model.rest, Hessian::Exact);
+            let exact = matrix.matrix.clone();
             matrix.assemble(load, &load.model.rest, Hessian::Positive);
-            let (v, product, worst) = product(load, &matrix, &load.model.rest);
-            assert!(worst < 1e-8, "{worst}");
-            let free = vec![ZERO; v.len()];
-            matrix.factor(system, &free).expect("positive");
+            for (p, e) in matrix.matrix.iter().flatten().zip(exact.iter().flatten()) {
+                for (p, e) in p.iter().zip(e) {
+                    assert!((p - e).abs() <= 1e-6, "{p} {e}");
+                }
+            }
+            let v = motion(load.model);
+            let product = product(load, &matrix, &v);
+            matrix
+                .factor(system, &vec![ZERO; v.len()])
+                .expect("positive");
             let mut back = vec![ZERO; v.len()];
             matrix.descend(system, &product, &mut back);
             for (p, v) in back.iter().zip(&v) {
@@ -482,21 +534,89 @@ mod tests {
         }
         posed(&pose, |load| {
             let mut x = load.carried.clone();
-            for (i, p) in x.iter_mut().enumerate() {
-                let away = [1.3, 2.1, 0.7].map(|f| 0.4 * libm::sin(f * i as f64));
-                *p = add_scaled(*p, away, 1.0);
-            }
+            crumple(&mut x);
             for lip in &load.model.contacts.lips {
                 x[lip.node as usize][1] -= 3.0;
             }
             assert!(load.contacts.lip_overlap(&x) > 1.0);
             let mut matrix = Preconditioner::new(&load.model.template.pattern);
             matrix.assemble(load, &x, Hessian::Exact);
-            let (.., worst) = product(load, &matrix, &x);
+            let worst = free_difference(load, &matrix, &x);
             assert!(worst < 1e-8, "{worst}");
             matrix.assemble(load, &x, Hessian::Positive);
-            let (.., worst) = product(load, &matrix, &x);
+            let worst = free_difference(load, &matrix, &x);
             assert!(worst > 1e-3, "nothing was left out: {worst}");
+        });
+    }
+
+    /// Nodes that slide on skull, jaw and eyeballs: what is left of their forces along the surface changes as the matrix
+    /// says, if the surface's curvature is in it.
+    #[test]
+    fn where_nodes_slide_the_matrix_knows_how_surfaces_bend() {
+        let mut pose = Pose::default();
+        for (key, c) in [("orbicularis_oculi", 0.8), ("orbicularis_oris", 0.9)] {
+            pose.set(MuscleSet::embedded(), key, c).expect("known");
+        }
+        pose.jaw.open_rad = 0.2;
+        posed(&pose, |load| {
+            let contacts = &load.contacts;
+            let mut x = load.carried.clone();
+            crumple(&mut x);
+            // Half of the nodes end below a surface and are put onto it: they rest, whatever their force.
+            let mut normals = vec![ZERO; x.len()];
+            contacts.settle(&mut x, &normals, &mut Measured::default());
+            let (mut on_skull, mut on_eyes) = (0, 0);
+            for c in 0..contacts.len() {
+                let gap = contacts.gap(c, &x);
+                if gap.value < 1e-3 {
+                    normals[contacts.node(c)] = unit(gap.gradient);
+                    let is_skull = c < contacts.contacts.skull.len();
+                    *(if is_skull {
+                        &mut on_skull
+                    } else {
+                        &mut on_eyes
+                    }) += 1;
+                }
+            }
+            assert!(on_skull > 300 && on_eyes > 20, "{on_skull} {on_eyes}");
+            contacts.settle(&mut x, &normals, &mut Measured::default());
+            for c in 0..contacts.len() {
+                let n = &mut normals[contacts.node(c)];
+                if *n != ZERO {
+                    *n = unit(contacts.gap(c, &x).gradient);
+                }
+            }
+            let mut gradient = vec![ZERO; x.len()];
+            load.energy(&x, &mut gradient);
+            let along = |a: &mut [V3]| {
+                for (a, n) in a.iter_mut().zip(&normals) {
+                    *a = add_scaled(*a, *n, -dot(*a, *n));
+                }
+            };
+            let mut v = motion(load.model);
+            along(&mut v);
+            let slides = |t: f64| {
+                let moved = x.iter().zip(&v);
+                let mut y: Vec<V3> = moved.map(|(p, v)| add_scaled(*p, *v, t)).collect();
+                let mut measured = Measured::default();
+                contacts.settle(&mut y, &normals, &mut measured);
+                let mut gradient = vec![ZERO; y.len()];
+                load.energy(&y, &mut gradient);
+                contacts.reduce(&y, &normals, &measured, &mut gradient);
+                along(&mut gradient);
+                gradient
+            };
+            let mut matrix = Preconditioner::new(&load.model.template.pattern);
+            let differs = |matrix: &Preconditioner| {
+                let mut product = product(load, matrix, &v);
+                along(&mut product);
+                difference(load.model, &product, 5e-5, slides)
+            };
+            matrix.assemble(load, &x, Hessian::Exact);
+            let flat = differs(&matrix);
+            matrix.bend(load, &x, &gradient, &normals);
+            let bent = differs(&matrix);
+            assert!(bent < 1e-7 && flat > 100.0 * bent, "{flat} {bent}");
         });
     }
 }

@@ -2,13 +2,15 @@
 //!
 //! Contact is a bound, not a penalty: a node that is pushed onto a surface slides on it and is let go when the force
 //! turns. A penalty or an augmented Lagrangian stiff enough for 0.02 mm costs three to ten times the iterations, because
-//! the set of nodes that touch changes all the time. Steps of the path before the last are solved loosely.
+//! the set of nodes that touch changes all the time. Near the end all second derivatives are in the matrix, those of the
+//! surfaces that nodes slide on as well, so that what is left falls quadratically. Steps of the path before the last are
+//! solved loosely.
 
 use super::lbfgs::{Lbfgs, Problem, Step};
 use super::preconditioner::{Hessian, Preconditioner};
 use super::{Outcome, Scratch, SolverParams};
 use crate::SimError;
-use crate::contact::Clearance;
+use crate::contact::Measured;
 use crate::load::Load;
 use crate::model::FaceModel;
 use crate::pose::Pose;
@@ -154,14 +156,14 @@ struct Resting<'s, 'a> {
     load: &'s Load<'a>,
     preconditioner: &'s mut Preconditioner,
     normals: Vec<V3>,
-    clearance: Clearance,
+    measured: Measured,
 }
 
 impl Problem for Resting<'_, '_> {
     fn evaluate(&mut self, x: &mut [V3], gradient: &mut [V3]) -> f64 {
         self.load
             .contacts
-            .settle(x, &self.normals, &mut self.clearance);
+            .settle(x, &self.normals, &mut self.measured);
         let energy = self.load.energy(x, gradient);
         for (g, moves) in gradient.iter_mut().zip(&self.load.model.template.moving) {
             if !moves {
@@ -172,7 +174,8 @@ impl Problem for Resting<'_, '_> {
     }
 
     fn reduce(&self, x: &[V3], normals: &[V3], gradient: &mut [V3]) {
-        self.load.contacts.reduce(x, normals, gradient);
+        let contacts = &self.load.contacts;
+        contacts.reduce(x, normals, &self.measured, gradient);
     }
 
     fn inverse(&mut self, gradient: &[V3], out: &mut [V3]) {
@@ -182,22 +185,27 @@ impl Problem for Resting<'_, '_> {
 }
 
 impl Resting<'_, '_> {
-    /// Makes the matrix anew; returns its smallest pivot.
-    fn refactor(&mut self, x: &[V3], gradient: &[V3], residual: f64) -> Result<f64, SimError> {
+    /// Makes the matrix anew; returns which it is.
+    fn refactor(&mut self, x: &[V3], gradient: &[V3], residual: f64) -> Result<Hessian, SimError> {
         let is_near = residual < EXACT_BELOW;
-        if !is_near || self.factor(x, gradient, Hessian::Exact).is_err() {
-            self.factor(x, gradient, Hessian::Positive)?;
+        if is_near && self.factor(x, gradient, Hessian::Exact).is_ok() {
+            return Ok(Hessian::Exact);
         }
-        Ok(self.preconditioner.smallest_pivot())
+        self.factor(x, gradient, Hessian::Positive)?;
+        Ok(Hessian::Positive)
     }
 
     /// Factors the matrix over the nodes that rest or are about to land.
     fn factor(&mut self, x: &[V3], gradient: &[V3], hessian: Hessian) -> Result<(), SimError> {
         let system = &self.load.model.template.pattern;
         self.preconditioner.assemble(self.load, x, hessian);
+        if hessian == Hessian::Exact {
+            let (load, normals) = (self.load, &self.normals);
+            self.preconditioner.bend(load, x, gradient, normals);
+        }
         let own = &self.preconditioner.own;
         let contacts = &self.load.contacts;
-        contacts.landing(x, gradient, own, &mut self.normals);
+        contacts.landing(x, gradient, own, &self.measured, &mut self.normals);
         self.preconditioner.factor(system, &self.normals)
     }
 
@@ -219,7 +227,7 @@ impl Stage<'_, '_> {
             load: self.load,
             preconditioner: &mut *self.preconditioner,
             normals: vec![[0.0; 3]; x.len()],
-            clearance: Clearance::default(),
+            measured: Measured::default(),
         };
         let mut energy = problem.evaluate(x, &mut gradient);
         let contacts = &self.load.contacts;
@@ -228,7 +236,7 @@ impl Stage<'_, '_> {
         let mut smallest_pivot = 0.0;
         self.lbfgs.reset();
         let (converged, residual) = loop {
-            contacts.resting(x, &gradient, &problem.clearance, &mut problem.normals);
+            contacts.resting(x, &gradient, &problem.measured, &mut problem.normals);
             let residual = problem.force(&gradient);
             if residual <= self.tolerance {
                 break (true, residual);
@@ -238,11 +246,15 @@ impl Stage<'_, '_> {
             }
             let is_settling = iterations == 1 && self.is_last;
             if iterations == 0 || is_settling || since >= REFACTOR_AFTER {
-                smallest_pivot = problem.refactor(x, &gradient, residual)?;
+                // What was learned of a matrix is worth less than all second derivatives.
+                if problem.refactor(x, &gradient, residual)? == Hessian::Exact {
+                    self.lbfgs.reset();
+                }
+                smallest_pivot = problem.preconditioner.smallest_pivot();
                 since = 0;
             } else {
                 let own = &problem.preconditioner.own;
-                contacts.landing(x, &gradient, own, &mut problem.normals);
+                contacts.landing(x, &gradient, own, &problem.measured, &mut problem.normals);
             }
             let normals = problem.normals.clone();
             let step = self
