@@ -5,7 +5,7 @@
 
 use crate::elements::PrismGroup;
 use crate::simd::{Kernel, LANES, Lanes, lanes, total};
-use crate::springs::Spring;
+use crate::springs::Four;
 use crate::vector::V3;
 
 /// Springs shorter than this have no direction, mm.
@@ -45,22 +45,14 @@ impl Kernel for EdgeSprings<'_> {
             }
             let length =
                 lanes(|l| (d[0][l] * d[0][l] + d[1][l] * d[1][l] + d[2][l] * d[2][l]).sqrt());
-            let mut pull = [0.0; LANES];
-            for l in 0..LANES {
-                let law = Spring {
-                    stiffness: k[l],
-                    rest: rest[l],
-                    brace,
-                };
-                let (twice, force) = law.energy(length[l]);
-                energy[l] += twice;
-                let floor = if length[l] > MIN_LENGTH_MM {
-                    length[l]
-                } else {
-                    MIN_LENGTH_MM
-                };
-                pull[l] = force / floor;
-            }
+            let springs = Four {
+                stiffness: *k,
+                rest: *rest,
+                brace: [brace; LANES],
+            };
+            let (twice, pull) = springs.energy(&length);
+            energy = lanes(|l| energy[l] + twice[l]);
+            let pull = lanes(|l| pull[l] / length[l].max(MIN_LENGTH_MM));
             for c in 0..3 {
                 let f = lanes(|l| d[c][l] * pull[l]);
                 on_skin[a][c] += f[0] + f[2];

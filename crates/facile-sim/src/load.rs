@@ -12,7 +12,7 @@ use crate::lids::LidPose;
 use crate::model::FaceModel;
 use crate::muscle::{LidDrive, Side};
 use crate::pose::Pose;
-use crate::simd::{Lanes, dispatch};
+use crate::simd::{LANES, Lanes, dispatch};
 use crate::springs::FASCIA;
 use crate::vector::{V3, add_scaled, dot, norm, rotate, sub};
 
@@ -159,7 +159,7 @@ impl<'a> Load<'a> {
         for i in 0..n {
             let d = sub(x[i], x[n + i]);
             let length = norm(d);
-            let (spring, pull) = springs.vertical(i).energy(length);
+            let ([spring, ..], [pull, ..]) = springs.vertical(i).energy(&[length; LANES]);
             let pull = pull / length.max(1e-9);
             let hold = sub(x[n + i], self.anchors[i]);
             let k = self.attachment[i];

@@ -11,7 +11,7 @@
 //! solver would go back and forth across.
 
 use crate::params::PaperParams;
-use crate::simd::{LANES, Lanes};
+use crate::simd::{LANES, Lanes, lanes};
 use crate::template::Template;
 use crate::vector::{V3, cross, dot, norm, sub};
 
@@ -74,59 +74,61 @@ impl Springs {
     }
 }
 
-/// One spring.
+/// Four springs.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Spring {
-    pub(crate) stiffness: f64,
-    pub(crate) rest: f64,
-    /// The most that it pushes, over its length.
-    pub(crate) brace: f64,
+pub(crate) struct Four {
+    pub(crate) stiffness: Lanes,
+    pub(crate) rest: Lanes,
+    /// The most that each pushes, over its length.
+    pub(crate) brace: Lanes,
 }
 
-impl Spring {
-    /// Compression at which the slope has fallen to minus the brace.
+impl Four {
+    /// Compression at which the slope has fallen to minus the brace, compression up to there, and beyond.
     #[inline(always)]
-    fn yielding(&self) -> f64 {
-        2.0 * self.brace * self.rest / (self.stiffness + self.brace)
+    fn pressed(&self, length: &Lanes) -> [Lanes; 3] {
+        let (k, rest, brace) = (&self.stiffness, &self.rest, &self.brace);
+        let width = lanes(|l| 2.0 * brace[l] * rest[l] / (k[l] + brace[l]));
+        let pressed = lanes(|l| (rest[l] - length[l]).max(0.0));
+        let yielding = lanes(|l| pressed[l].min(width[l]));
+        [width, yielding, lanes(|l| pressed[l] - yielding[l])]
     }
 
     /// Twice the energy, and the pull.
     #[inline(always)]
-    pub(crate) fn energy(&self, length: f64) -> (f64, f64) {
-        let (k, brace) = (self.stiffness, self.brace);
-        let stretch = length - self.rest;
-        let width = self.yielding();
-        // Half the fall of the slope over the width; springs without a length at rest are never pressed.
-        let loss = (k + brace) * (k + brace) / (4.0 * brace * self.rest + 1e-12);
-        let pressed = if stretch < 0.0 { -stretch } else { 0.0 };
-        let lost = loss * pressed * pressed;
-        let straight = (
-            k * stretch + lost,
-            k * stretch * stretch - lost * pressed * (2.0 / 3.0),
-        );
-        let end = self.rest - width;
-        let highest = width * width * (2.0 * k - brace) * (1.0 / 3.0) + brace * end * end;
-        let buckled = (-brace * length, highest - brace * length * length);
-        let (pull, energy) = if pressed <= width { straight } else { buckled };
+    pub(crate) fn energy(&self, length: &Lanes) -> (Lanes, Lanes) {
+        let (k, rest, brace) = (&self.stiffness, &self.rest, &self.brace);
+        let [width, yielding, beyond] = self.pressed(length);
+        let stretch = lanes(|l| length[l] - rest[l] + beyond[l]);
+        // What the fall of the slope takes away; springs without a length at rest are never pressed.
+        let lost = lanes(|l| {
+            let fall = (k[l] + brace[l]) * (k[l] + brace[l]) / (4.0 * brace[l] * rest[l] + 1e-12);
+            fall * yielding[l] * yielding[l]
+        });
+        let energy = lanes(|l| {
+            let buckled = brace[l] * beyond[l] * (2.0 * (rest[l] - width[l]) - beyond[l]);
+            k[l] * stretch[l] * stretch[l] - lost[l] * yielding[l] * (2.0 / 3.0) + buckled
+        });
+        let pull = lanes(|l| k[l] * stretch[l] + lost[l] + brace[l] * beyond[l]);
         (energy, pull)
     }
 
     /// Derivative of the pull by the length.
     #[inline(always)]
-    pub(crate) fn slope(&self, length: f64) -> f64 {
-        let pressed = (self.rest - length).max(0.0);
-        let share = (pressed / self.yielding()).min(1.0);
-        self.stiffness - (self.stiffness + self.brace) * share
+    pub(crate) fn slope(&self, length: &Lanes) -> Lanes {
+        let (k, brace) = (&self.stiffness, &self.brace);
+        let [width, yielding, _] = self.pressed(length);
+        lanes(|l| k[l] - (k[l] + brace[l]) * (yielding[l] / (width[l] + 1e-300)))
     }
 }
 
 impl Springs {
-    /// The spring between skin and fascia of node `i`.
-    pub(crate) fn vertical(&self, i: usize) -> Spring {
-        Spring {
-            stiffness: self.vertical_stiffness,
-            rest: self.vertical_length[i],
-            brace: self.vertical_brace[i],
+    /// The spring between skin and fascia of node `i`, four times.
+    pub(crate) fn vertical(&self, i: usize) -> Four {
+        Four {
+            stiffness: [self.vertical_stiffness; LANES],
+            rest: [self.vertical_length[i]; LANES],
+            brace: [self.vertical_brace[i]; LANES],
         }
     }
 }
@@ -197,36 +199,42 @@ mod tests {
 
     #[test]
     fn springs_yield_smoothly_and_push_no_more_than_their_brace() {
-        for (stiffness, rest, brace) in [(2400.0, 1.1, 10.0), (40.0, 3.0, 10.0), (0.05, 2.0, 10.0)]
-        {
-            let spring = Spring {
-                stiffness,
-                rest,
-                brace,
-            };
-            for k in 1..400 {
-                let length = 0.005 * rest * f64::from(k);
-                let (_, pull) = spring.energy(length);
-                let step = 1e-6 * rest;
-                let (above, below) = (spring.energy(length + step), spring.energy(length - step));
-                let force = 0.5 * (above.0 - below.0) / (2.0 * step);
-                let slope = (above.1 - below.1) / (2.0 * step);
-                let near = |a: f64, b: f64| (a - b).abs() < 2e-4 * stiffness * rest;
+        let springs = Four {
+            stiffness: [2400.0, 40.0, 0.05, 7.0],
+            rest: [1.1, 3.0, 2.0, 0.0],
+            brace: [10.0, 10.0, 10.0, 1.0],
+        };
+        for k in 1..400 {
+            let lengths = springs.rest.map(|rest| 0.005 * f64::from(k) * rest);
+            let step = 1e-6;
+            let at = |away: f64| springs.energy(&lengths.map(|l| l + away));
+            let ((_, pull), above, below) = (at(0.0), at(step), at(-step));
+            let slope = springs.slope(&lengths);
+            for l in 0..3 {
+                let (stiffness, brace) = (springs.stiffness[l], springs.brace[l]);
+                let (length, rest) = (lengths[l], springs.rest[l]);
+                let near = |a: f64, b: f64| (a - b).abs() < 5e-4 * stiffness * rest;
                 assert!(
-                    near(force, pull) && near(slope, spring.slope(length)),
+                    near(0.25 * (above.0[l] - below.0[l]) / step, pull[l]),
                     "{length}"
                 );
-                assert!(pull >= -brace * length * (1.0 + 1e-12) && spring.slope(length) >= -brace);
-                assert!(length < rest || near(pull, stiffness * (length - rest)));
+                assert!(
+                    near(0.5 * (above.1[l] - below.1[l]) / step, slope[l]),
+                    "{length}"
+                );
+                assert!(
+                    pull[l] >= -brace * length * (1.0 + 1e-12)
+                        && slope[l] >= -brace * (1.0 + 1e-12)
+                );
+                assert!(length < rest || near(pull[l], stiffness * (length - rest)));
             }
         }
-        let none = Spring {
-            stiffness: 7.0,
-            rest: 0.0,
-            brace: 1.0,
-        };
-        assert_eq!(none.energy(2.0), (28.0, 14.0));
-        assert_eq!(none.energy(0.0), (0.0, 0.0));
+        // Without a length at rest.
+        let (energy, pull) = springs.energy(&[2.0; LANES]);
+        assert_eq!((energy[3], pull[3]), (28.0, 14.0));
+        let (energy, pull) = springs.energy(&[0.0; LANES]);
+        assert_eq!((energy[3], pull[3]), (0.0, 0.0));
+        assert_eq!(springs.slope(&[0.0; LANES])[3], 7.0);
     }
 
     #[test]

@@ -9,10 +9,13 @@
 use crate::SimError;
 use crate::elements::Volume;
 use crate::load::Load;
-use crate::simd::{Kernel, LANES, dispatch, lanes};
+use crate::simd::{Kernel, LANES, Lanes, dispatch, lanes};
 use crate::sparse::{Block, BlockFactor, NO_BLOCK, Pattern};
-use crate::springs::{Spring, ends};
+use crate::springs::{Four, ends};
 use crate::vector::{V3, ZERO, dot, norm, scale, sub};
+
+/// Springs shorter than this have no direction, mm.
+const MIN_LENGTH_MM: f64 = 1e-9;
 
 /// Rows of the nodes that the solver moves, and where prisms add to the matrix.
 #[derive(Debug)]
@@ -266,15 +269,30 @@ impl Assembly<'_> {
         let springs = self.load.stiffness.iter().zip(&self.load.rest_length);
         let springs = springs.zip(&model.springs.brace);
         for ((edge, slots), ((k, rest), &brace)) in edges.zip(springs) {
-            for (l, pair) in ends(*edge, n as u32).into_iter().enumerate() {
-                self.add_spring(pair, slots[l], [k[l], rest[l], brace]);
+            let springs = Four {
+                stiffness: *k,
+                rest: *rest,
+                brace: [brace; LANES],
+            };
+            let pairs = ends(*edge, n as u32);
+            let mut ways = [ZERO; LANES];
+            let mut lengths = [0.0; LANES];
+            for (l, [a, b]) in pairs.into_iter().enumerate() {
+                ways[l] = sub(self.x[a as usize], self.x[b as usize]);
+                lengths[l] = norm(ways[l]).max(MIN_LENGTH_MM);
+            }
+            let (along, across) = self.stiffnesses(&springs, &lengths);
+            for l in 0..LANES {
+                self.add_spring(pairs[l], slots[l], ways[l], [along[l], across[l]]);
             }
         }
-        let springs = &model.springs;
         for (i, &slot) in system.columns.iter().enumerate() {
+            let way = sub(self.x[i], self.x[n + i]);
+            let length = norm(way).max(MIN_LENGTH_MM);
+            let springs = model.springs.vertical(i);
+            let (along, across) = self.stiffnesses(&springs, &[length; LANES]);
             let pair = [i as u32, (n + i) as u32];
-            let (rest, brace) = (springs.vertical_length[i], springs.vertical_brace[i]);
-            self.add_spring(pair, slot, [springs.vertical_stiffness, rest, brace]);
+            self.add_spring(pair, slot, way, [along[0], across[0]]);
         }
         for (i, &hold) in self.load.attachment.iter().enumerate() {
             let slot = system.diagonal[n + i];
@@ -282,22 +300,24 @@ impl Assembly<'_> {
         }
     }
 
+    /// What resists motion of the ends of four springs along them beyond what resists it in every direction, over the
+    /// squared length; and that.
     #[inline(always)]
-    fn add_spring(&mut self, [a, b]: [u32; 2], slot: u32, [k, rest, brace]: [f64; 3]) {
+    fn stiffnesses(&self, springs: &Four, lengths: &Lanes) -> (Lanes, Lanes) {
+        let pull = springs.energy(lengths).1;
+        let mut across = lanes(|l| pull[l] / lengths[l]);
+        let mut slope = springs.stiffness;
+        match self.hessian {
+            Hessian::Exact => slope = springs.slope(lengths),
+            Hessian::Positive => across = lanes(|l| if across[l] > 0.0 { across[l] } else { 0.0 }),
+        }
+        let along = lanes(|l| (slope[l] - across[l]) / (lengths[l] * lengths[l]));
+        (along, across)
+    }
+
+    #[inline(always)]
+    fn add_spring(&mut self, [a, b]: [u32; 2], slot: u32, d: V3, [along, across]: [f64; 2]) {
         let system = &self.load.model.template.pattern;
-        let d = sub(self.x[a as usize], self.x[b as usize]);
-        let length = norm(d).max(1e-9);
-        let spring = Spring {
-            stiffness: k,
-            rest,
-            brace,
-        };
-        let across = spring.energy(length).1 / length;
-        let (stiffness, across) = match self.hessian {
-            Hessian::Exact => (spring.slope(length), across),
-            Hessian::Positive => (k, across.max(0.0)),
-        };
-        let along = (stiffness - across) / (length * length);
         let mut own = NO_BLOCK;
         add_outer(&mut own, d, d, along);
         add_diagonal(&mut own, across);
