@@ -1,8 +1,9 @@
-//! Finer simulation meshes: what a solve costs and how far it is from the truth at other numbers of nodes.
+//! Coarser and finer simulation meshes: what a solve costs and how far it is from the truth at other numbers of nodes.
 //!
-//! A [`Resolution`] is the reference head with its fine vertices, or a part of them, as the cage; annotations between old
-//! vertices are means, so that muscles, lips, lids and borders stay where they are. [`Resolution::subject`] takes a
-//! subject along.
+//! A [`Resolution`] is the reference head with another cage. [`Resolution::finer`] takes the fine vertices, or a part of
+//! them, as the cage; annotations between old vertices are means, so that muscles, lips, lids and borders stay where they
+//! are. [`Resolution::coarser`] takes vertices away and keeps the others with all that is known of them.
+//! [`Resolution::subject`] takes a subject along, [`Resolution::carry`] brings back how its skin moved.
 
 use std::collections::BTreeMap;
 
@@ -10,7 +11,14 @@ use facile_core::reference::{Cage, Role};
 use facile_core::subdivision::{Subdivision, catmull_clark};
 use facile_core::{Mesh, Point3, ReferenceHead, Subject, Vector3};
 
+use crate::SimError;
 use crate::params::PaperParams;
+
+mod coarsen;
+mod sheet;
+
+/// Steps of [`interpolated`]: what is left is below a millionth of what subdivision rounds off.
+const INTERPOLATION_STEPS: usize = 60;
 
 /// How a cage is cut finer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -28,6 +36,10 @@ pub struct Resolution {
     pub head: ReferenceHead,
     /// Fine vertex of the head it was made from under each of its cage's vertices.
     source: Vec<u32>,
+    /// Whether the skin goes through those vertices. A finer cage is the next net of the same smooth surface instead.
+    is_exact: bool,
+    /// Where each cage vertex of that head lies on the new cage: corners and barycentric weights.
+    places: Vec<([u32; 3], [f64; 3])>,
 }
 
 /// What a new vertex is the mean of.
@@ -63,14 +75,61 @@ impl Resolution {
                 });
             }
         }
-        let positions = source
-            .iter()
-            .map(|&v| head.mesh.positions[v as usize])
+        let places = (0..n as u32).map(|v| ([v; 3], [1.0, 0.0, 0.0])).collect();
+        Self::new(head, &parents, faces, (source, false), places)
+    }
+
+    /// Takes vertices out of the simulation mesh of `head` until `nodes` free ones a layer are left, or one less: edges
+    /// collapse, the cheapest first, with their mirror images. Rims of lips and lids and the border of the simulated
+    /// skin keep their lines, the mesh its topology. Quads become triangles. Cost O(n log n).
+    ///
+    /// Source: Garland and Heckbert 1997, with half-edge collapses and the length of edges.
+    ///
+    /// # Errors
+    /// [`SimError::OutOfRange`] if `head` has fewer nodes, or so few cannot carry its shape, with how few can.
+    pub fn coarser(head: &ReferenceHead, nodes: usize) -> Result<Self, SimError> {
+        let out_of_range = |min: usize, max: usize| SimError::OutOfRange {
+            what: "nodes a layer of a coarser mesh".to_owned(),
+            value: nodes as f64,
+            min: min as f64,
+            max: max as f64,
+        };
+        let old = &head.cage;
+        let mut coarsening = coarsen::Coarsening::new(head);
+        let all = coarsening.free;
+        let left = coarsening.until(nodes);
+        if nodes > all || left > nodes {
+            return Err(out_of_range(coarsening.until(0), all));
+        }
+        let sheet = coarsening.sheet;
+        let source: Vec<u32> = (0..old.positions.len() as u32)
+            .filter(|&v| sheet.is_left(v))
             .collect();
-        let cage = annotated(old, &parents, faces, positions);
-        let subdivision = catmull_clark(cage.positions.len(), &cage.faces);
+        let mut number = vec![0; old.positions.len()];
+        for (k, &v) in source.iter().enumerate() {
+            number[v as usize] = k as u32;
+        }
+        let renumbered = |face: [u32; 3]| face.map(|v| number[v as usize]);
+        let faces = sheet.triangles().map(|t| renumbered(t).to_vec()).collect();
+        let places = (0..old.positions.len() as u32)
+            .map(|v| sheet.place(v))
+            .map(|(face, weights)| (renumbered(face), weights))
+            .collect();
+        let parents: Vec<Parents> = source.iter().map(|&v| Parents(vec![v])).collect();
+        Ok(Self::new(head, &parents, faces, (source, true), places))
+    }
+
+    fn new(
+        head: &ReferenceHead,
+        parents: &[Parents],
+        faces: Vec<Vec<u32>>,
+        (source, is_exact): (Vec<u32>, bool),
+        places: Vec<([u32; 3], [f64; 3])>,
+    ) -> Self {
+        let subdivision = catmull_clark(source.len(), &faces);
+        let positions = net(&subdivision, &source, is_exact, &head.mesh.positions);
         let mesh = Mesh {
-            positions: refined(&subdivision, &cage.positions),
+            positions: refined(&subdivision, &positions),
             triangles: subdivision
                 .quads
                 .iter()
@@ -80,28 +139,40 @@ impl Resolution {
         };
         Self {
             head: ReferenceHead {
-                cage,
+                cage: annotated(&head.cage, parents, faces, positions),
                 subdivision,
                 mesh,
                 ..head.clone()
             },
             source,
+            is_exact,
+            places,
         }
     }
 
     /// A subject of the head this was made from.
     pub fn subject(&self, subject: &Subject) -> Subject {
-        let cage: Vec<Point3> = self
-            .source
-            .iter()
-            .map(|&v| subject.positions[v as usize])
-            .collect();
-        let positions = refined(&self.head.subdivision, &cage);
+        let subdivision = &self.head.subdivision;
+        let cage = net(subdivision, &self.source, self.is_exact, &subject.positions);
+        let positions = refined(subdivision, &cage);
         Subject {
             expected_error: vec![0.0; positions.len()],
             positions,
             ..subject.clone()
         }
+    }
+
+    /// How the cage vertices of the head this was made from move, if those of the new cage move like `moved` (which may go
+    /// on with other fine vertices): linear in each face, at the place of the face nearest to a vertex that was taken away.
+    ///
+    /// # Panics
+    /// If `moved` has fewer entries than the new cage has vertices.
+    pub fn carry(&self, moved: &[Vector3]) -> Vec<Vector3> {
+        let at = |(corners, weights): &([u32; 3], [f64; 3])| -> Vector3 {
+            let parts = corners.iter().zip(weights);
+            parts.map(|(&v, w)| moved[v as usize] * *w).sum()
+        };
+        self.places.iter().map(at).collect()
     }
 
     /// The paper's constants for `nodes` nodes a layer where they were meant for `usual`: those of single springs between
@@ -119,6 +190,38 @@ fn refined(subdivision: &Subdivision, cage: &[Point3]) -> Vec<Point3> {
     let coords: Vec<Vector3> = cage.iter().map(|p| p.coords).collect();
     let fine = subdivision.stencils.apply(&coords, Vector3::zeros());
     fine.into_iter().map(Point3::from).collect()
+}
+
+/// The cage over the fine vertices `source` of a head: these points, or what subdivision takes to them.
+fn net(subdivision: &Subdivision, source: &[u32], is_exact: bool, fine: &[Point3]) -> Vec<Point3> {
+    let points: Vec<Point3> = source.iter().map(|&v| fine[v as usize]).collect();
+    if is_exact {
+        interpolated(subdivision, &points)
+    } else {
+        points
+    }
+}
+
+/// The cage whose subdivision goes through `points`, one for each of its vertices: what the stencils round off is put
+/// back until nothing is left.
+fn interpolated(subdivision: &Subdivision, points: &[Point3]) -> Vec<Point3> {
+    let stencils = &subdivision.stencils;
+    let mut cage: Vec<Vector3> = points.iter().map(|p| p.coords).collect();
+    for _ in 0..INTERPOLATION_STEPS {
+        let missing: Vec<Vector3> = points
+            .iter()
+            .enumerate()
+            .map(|(v, p)| {
+                let row = stencils.row(v).iter();
+                p.coords
+                    - row
+                        .map(|&(w, weight)| cage[w as usize] * weight)
+                        .sum::<Vector3>()
+            })
+            .collect();
+        cage.iter_mut().zip(missing).for_each(|(p, d)| *p += d);
+    }
+    cage.into_iter().map(Point3::from).collect()
 }
 
 /// Number of each edge, in the order of [`catmull_clark`].
@@ -189,43 +292,4 @@ fn annotated(
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::{FaceRig, MuscleSet, Pose, Solver, SolverParams, mean_subject};
-
-    #[test]
-    fn a_finer_face_moves_as_the_face_does() {
-        let head = ReferenceHead::embedded();
-        let muscles = MuscleSet::embedded();
-        let mut pose = Pose::default();
-        pose.set(muscles, "zygomatic_major", 0.6).expect("known");
-        pose.jaw.open_rad = 0.1;
-        let way = |head: &ReferenceHead, subject: &Subject, usual: usize| {
-            let rig = FaceRig::new(head, muscles).expect("muscles reach");
-            let nodes = rig.template().free_count();
-            let params = Resolution::params(usual.max(1), if usual == 0 { 1 } else { nodes });
-            let model = rig.model_with(head, subject, params).expect("built");
-            let face = Solver::new()
-                .solve(&model, &pose, &SolverParams::default())
-                .expect("certifies");
-            let moved: Vec<Vector3> = face
-                .positions
-                .iter()
-                .zip(&subject.positions)
-                .map(|(p, q)| p - q)
-                .collect();
-            (nodes, moved)
-        };
-        let subject = mean_subject(head);
-        let (few, usual) = way(head, &subject, 0);
-        let finer = Resolution::finer(head, Cut::Centres);
-        let (many, fine) = way(&finer.head, &finer.subject(&subject), few);
-        assert!(many > 19 * few / 10 && many < 21 * few / 10, "{few} {many}");
-        let n = head.cage.positions.len();
-        let apart = |v: usize| (fine[v] - usual[v]).norm();
-        let mean = (0..n).map(apart).sum::<f64>() / n as f64;
-        let motion = usual[..n].iter().map(Vector3::norm).sum::<f64>() / n as f64;
-        // The paper's constants of shape are those of single prisms: twice as many are a stiffer face.
-        assert!(mean < 0.35 * motion, "{mean} of {motion} mm");
-    }
-}
+mod tests;
