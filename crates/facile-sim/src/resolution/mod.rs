@@ -34,11 +34,17 @@ pub enum Cut {
 pub struct Resolution {
     /// The head. What only pictures need, texture coordinates and segments, is left out.
     pub head: ReferenceHead,
-    /// Fine vertex of the head it was made from under each of its cage's vertices.
+    origin: Origin,
+}
+
+/// How a cage lies on the one it was made from.
+#[derive(Clone, Debug)]
+struct Origin {
+    /// Fine vertex of the old head under each new cage vertex.
     source: Vec<u32>,
     /// Whether the skin goes through those vertices. A finer cage is the next net of the same smooth surface instead.
     is_exact: bool,
-    /// Where each cage vertex of that head lies on the new cage: corners and barycentric weights.
+    /// Where each old cage vertex lies on the new cage: corners and barycentric weights.
     places: Vec<([u32; 3], [f64; 3])>,
 }
 
@@ -76,7 +82,12 @@ impl Resolution {
             }
         }
         let places = (0..n as u32).map(|v| ([v; 3], [1.0, 0.0, 0.0])).collect();
-        Self::new(head, &parents, faces, (source, false), places)
+        let origin = Origin {
+            source,
+            is_exact: false,
+            places,
+        };
+        Self::new(head, &parents, faces, origin)
     }
 
     /// Takes vertices out of the simulation mesh of `head` until `nodes` free ones a layer are left, or one less: edges
@@ -116,18 +127,22 @@ impl Resolution {
             .map(|(face, weights)| (renumbered(face), weights))
             .collect();
         let parents: Vec<Parents> = source.iter().map(|&v| Parents(vec![v])).collect();
-        Ok(Self::new(head, &parents, faces, (source, true), places))
+        let origin = Origin {
+            source,
+            is_exact: true,
+            places,
+        };
+        Ok(Self::new(head, &parents, faces, origin))
     }
 
     fn new(
         head: &ReferenceHead,
         parents: &[Parents],
         faces: Vec<Vec<u32>>,
-        (source, is_exact): (Vec<u32>, bool),
-        places: Vec<([u32; 3], [f64; 3])>,
+        origin: Origin,
     ) -> Self {
-        let subdivision = catmull_clark(source.len(), &faces);
-        let positions = net(&subdivision, &source, is_exact, &head.mesh.positions);
+        let subdivision = catmull_clark(parents.len(), &faces);
+        let positions = origin.net(&subdivision, &head.mesh.positions);
         let mesh = Mesh {
             positions: refined(&subdivision, &positions),
             triangles: subdivision
@@ -144,16 +159,14 @@ impl Resolution {
                 mesh,
                 ..head.clone()
             },
-            source,
-            is_exact,
-            places,
+            origin,
         }
     }
 
     /// A subject of the head this was made from.
     pub fn subject(&self, subject: &Subject) -> Subject {
         let subdivision = &self.head.subdivision;
-        let cage = net(subdivision, &self.source, self.is_exact, &subject.positions);
+        let cage = self.origin.net(subdivision, &subject.positions);
         let positions = refined(subdivision, &cage);
         Subject {
             expected_error: vec![0.0; positions.len()],
@@ -172,7 +185,7 @@ impl Resolution {
             let parts = corners.iter().zip(weights);
             parts.map(|(&v, w)| moved[v as usize] * *w).sum()
         };
-        self.places.iter().map(at).collect()
+        self.origin.places.iter().map(at).collect()
     }
 
     /// The paper's constants for `nodes` nodes a layer where they were meant for `usual`: those of single springs between
@@ -186,20 +199,22 @@ impl Resolution {
     }
 }
 
+impl Origin {
+    /// The new cage over a shape of the old head's fine mesh: its vertices, or what subdivision takes to them.
+    fn net(&self, subdivision: &Subdivision, fine: &[Point3]) -> Vec<Point3> {
+        let points: Vec<Point3> = self.source.iter().map(|&v| fine[v as usize]).collect();
+        if self.is_exact {
+            interpolated(subdivision, &points)
+        } else {
+            points
+        }
+    }
+}
+
 fn refined(subdivision: &Subdivision, cage: &[Point3]) -> Vec<Point3> {
     let coords: Vec<Vector3> = cage.iter().map(|p| p.coords).collect();
     let fine = subdivision.stencils.apply(&coords, Vector3::zeros());
     fine.into_iter().map(Point3::from).collect()
-}
-
-/// The cage over the fine vertices `source` of a head: these points, or what subdivision takes to them.
-fn net(subdivision: &Subdivision, source: &[u32], is_exact: bool, fine: &[Point3]) -> Vec<Point3> {
-    let points: Vec<Point3> = source.iter().map(|&v| fine[v as usize]).collect();
-    if is_exact {
-        interpolated(subdivision, &points)
-    } else {
-        points
-    }
 }
 
 /// The cage whose subdivision goes through `points`, one for each of its vertices: what the stencils round off is put

@@ -250,7 +250,7 @@ fn vertices_that_are_left_stay_in_place_and_others_move_with_their_faces() {
     let subject = mean_subject(head);
     for mesh in coarse() {
         let coarse = mesh.subject(&subject);
-        for (v, &s) in mesh.source.iter().enumerate() {
+        for (v, &s) in mesh.origin.source.iter().enumerate() {
             let away = coarse.positions[v] - subject.positions[s as usize];
             assert!(away.norm() < 1e-6, "{away}");
         }
