@@ -9,25 +9,44 @@ use facile_sim::{Equilibrium, FaceRig, MuscleSet, Pose, Solver, SolverParams};
 use super::{Axis, Curve, Effort, Plot, Plots, Table, median};
 use crate::Error;
 
-/// One mesh: the head, the subject on it.
+/// Nodes a layer of the coarse meshes.
+const COARSE: [usize; 2] = [500, 1000];
+
+/// One mesh: how it was made, the subject on it.
 struct Level {
-    head: ReferenceHead,
+    /// The mesh and the level it was made from; the usual one was not made.
+    made: Option<(Resolution, usize)>,
     subject: Subject,
+}
+
+impl Level {
+    fn head(&self) -> &ReferenceHead {
+        self.made
+            .as_ref()
+            .map_or(ReferenceHead::embedded(), |(r, _)| &r.head)
+    }
 }
 
 /// What solves on a mesh came to, one for each pose.
 struct Solved {
     nodes: usize,
+    /// NaN where no model can be built.
     model_ms: f64,
     /// Milliseconds, and the face or nothing.
     faces: Vec<(f64, Option<Equilibrium>)>,
 }
 
-/// Solves poses on the mesh as it is and on finer ones, up to eight times the nodes; all are compared with the finest, at
-/// the skin that all share.
+/// Solves poses on the mesh as it is, on coarser ones down to a quarter of the nodes, and on finer ones up to eight times
+/// the nodes; all are compared with the finest.
+///
+/// What is compared is the motion of the drawn skin at all free vertices of the usual mesh. A coarser mesh has no node at
+/// most of them: there its motion is that of the nearest place on its faces, linear between their corners
+/// ([`Resolution::carry`]), so that what a coarse mesh cannot follow counts as error. Finer meshes have all those vertices.
+///
+/// A mesh on which no model can be built, and a solve without a certificate, give a row without numbers.
 ///
 /// # Errors
-/// [`Error::Sim`] if a mesh cannot be built.
+/// [`Error::Sim`] if a mesh cannot be made.
 pub(super) fn resolution(
     poses: &[(String, Pose)],
     effort: Effort,
@@ -50,9 +69,8 @@ pub(super) fn resolution(
     let (mut errors, mut times) = (Vec::new(), Vec::new());
     for (k, (name, _)) in poses.iter().enumerate() {
         let way = |l: usize| {
-            let (face, rest) = (solved[l].faces[k].1.as_ref()?, &levels[l].subject);
-            let moved = |v: &usize| face.positions[*v] - rest.positions[*v];
-            Some(shared.iter().map(moved).collect::<Vec<Vector3>>())
+            let skin = on_usual_mesh(&levels, l, solved[l].faces[k].1.as_ref()?);
+            Some(shared.iter().map(|&v| skin[v]).collect::<Vec<Vector3>>())
         };
         let finest = way(levels.len() - 1);
         let (mut error, mut time) = (Vec::new(), Vec::new());
@@ -118,48 +136,70 @@ pub(super) fn resolution(
     ))
 }
 
-/// The meshes, and the poses on each.
+/// How the skin moves at the cage vertices of the usual mesh.
+fn on_usual_mesh(levels: &[Level], level: usize, face: &Equilibrium) -> Vec<Vector3> {
+    let rest = &levels[level].subject.positions;
+    let pairs = face.positions.iter().zip(rest);
+    let mut moved: Vec<Vector3> = pairs.map(|(p, q)| p - q).collect();
+    let mut made = &levels[level].made;
+    while let Some((resolution, from)) = made {
+        moved = resolution.carry(&moved);
+        made = &levels[*from].made;
+    }
+    moved
+}
+
+/// The meshes by their numbers of nodes, and the poses on each.
 fn levels(poses: &[(String, Pose)], effort: Effort) -> Result<(Vec<Level>, Vec<Solved>), Error> {
     let reference = ReferenceHead::embedded();
     let subject = IdentityModel::embedded().sample(reference, 7, 0)?;
     let usual = FaceRig::new(reference, MuscleSet::embedded())?;
     let usual = usual.template().free_count();
-    let mut levels = vec![Level {
-        head: reference.clone(),
+    let middle = COARSE.len();
+    let mut levels = Vec::new();
+    for nodes in COARSE {
+        let resolution = Resolution::coarser(reference, nodes)?;
+        levels.push(Level {
+            subject: resolution.subject(&subject),
+            made: Some((resolution, middle)),
+        });
+    }
+    levels.push(Level {
+        made: None,
         subject,
-    }];
-    let finer = |level: &Level, cut: Cut| {
-        let resolution = Resolution::finer(&level.head, cut);
-        let subject = resolution.subject(&level.subject);
-        Level {
-            head: resolution.head,
-            subject,
-        }
+    });
+    let mut finer = |from: usize, cut: Cut| {
+        let resolution = Resolution::finer(levels[from].head(), cut);
+        levels.push(Level {
+            subject: resolution.subject(&levels[from].subject),
+            made: Some((resolution, from)),
+        });
     };
-    levels.push(finer(&levels[0], Cut::Centres));
+    finer(middle, Cut::Centres);
     if effort == Effort::Full {
-        levels.push(finer(&levels[0], Cut::Quarters));
-        levels.push(finer(&levels[2], Cut::Centres));
+        finer(middle, Cut::Quarters);
+        finer(middle + 2, Cut::Centres);
     }
-    let mut solved = Vec::new();
-    for level in &levels {
-        solved.push(solve(level, usual, poses, effort)?);
-    }
+    let solved = levels
+        .iter()
+        .map(|level| solve(level, usual, poses, effort))
+        .collect();
     Ok((levels, solved))
 }
 
-fn solve(
-    level: &Level,
-    usual: usize,
-    poses: &[(String, Pose)],
-    effort: Effort,
-) -> Result<Solved, Error> {
-    let rig = FaceRig::new(&level.head, MuscleSet::embedded())?;
-    let nodes = rig.template().free_count();
+fn solve(level: &Level, usual: usize, poses: &[(String, Pose)], effort: Effort) -> Solved {
+    let head = level.head();
+    let free = |r: &&Role| **r == Role::Free;
+    let nodes = head.cage.roles.iter().filter(free).count();
+    let Ok(rig) = FaceRig::new(head, MuscleSet::embedded()) else {
+        return nothing(nodes, poses);
+    };
     let params = Resolution::params(usual, nodes);
-    let timed = || super::clock(|| rig.model_with(&level.head, &level.subject, params));
+    let timed = || super::clock(|| rig.model_with(head, &level.subject, params));
     let models: Vec<f64> = (0..3).map(|_| timed().0).collect();
-    let model = timed().1?;
+    let Ok(model) = timed().1 else {
+        return nothing(nodes, poses);
+    };
     let mut solver = Solver::new();
     let faces = poses
         .iter()
@@ -175,9 +215,18 @@ fn solve(
             (median(times), face)
         })
         .collect();
-    Ok(Solved {
+    Solved {
         nodes,
         model_ms: median(models),
         faces,
-    })
+    }
+}
+
+/// A mesh on which no model can be built.
+fn nothing(nodes: usize, poses: &[(String, Pose)]) -> Solved {
+    Solved {
+        nodes,
+        model_ms: f64::NAN,
+        faces: poses.iter().map(|_| (f64::NAN, None)).collect(),
+    }
 }

@@ -15,7 +15,7 @@ use crate::vector::{M3, V3, ZERO, add, cross, dot, norm, rotate, scale, sub};
 /// Areas below this share of the mean count as that share in `kappa`.
 const MIN_AREA_SHARE: f64 = 0.05;
 /// Prisms below this share of the mean volume are slivers.
-const SLIVER_SHARE: f64 = 0.01;
+pub(crate) const SLIVER_SHARE: f64 = 0.01;
 /// Share of the volume at rest below which a prism stiffens.
 const SQUEEZED_SHARE: f64 = 0.2;
 /// How much: the energy `kappa / 2 (V - V_0)^2` grows by `SQUEEZE kappa / (3 V_0) (share V_0 - V)^3`. A prism that is

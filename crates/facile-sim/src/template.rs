@@ -105,7 +105,7 @@ impl Template {
             .map(|&v| cage.thickness[v as usize])
             .collect();
         let eyes = reference.eyes.map(|e| from_point(&e.center));
-        let mut margins = margins(cage, &positions, eyes, &node_of_cage);
+        let mut margins = Margins::new(&Rims::new(cage, &positions, eyes), &node_of_cage);
         margins.lip_pairs = lip_pairs(cage, &positions, &cage_of_node, &margins.lips);
         let mut attached = per_node(&|v| cage.attached[v]);
         for i in vestibule(cage, &positions, &cage_of_node, &edges, &margins.lips) {
@@ -226,8 +226,8 @@ fn number_nodes(cage: &Cage, faces: &[u32]) -> (Vec<u32>, usize) {
     (nodes, free)
 }
 
-/// Triangles of the simulated faces. A quad is cut along its shorter diagonal; a quad on the right as its mirror image.
-fn split_quads(
+/// Triangles of some faces. A quad is cut along its shorter diagonal; a quad on the right as its mirror image.
+pub(crate) fn split_quads(
     cage: &Cage,
     faces: &[u32],
     positions: &[V3],
@@ -288,43 +288,66 @@ fn edges_of(triangles: &[[u32; 3]]) -> Vec<[u32; 2]> {
     set.into_iter().collect()
 }
 
-/// Finds the rims of lids and lips: free vertices next to passive ones, near an eye or not.
-fn margins(cage: &Cage, positions: &[V3], eyes: [V3; 2], node_of_cage: &[Option<u32>]) -> Margins {
-    let mut around = vec![BTreeSet::new(); positions.len()];
-    for face in &cage.faces {
-        for (k, &v) in face.iter().enumerate() {
-            let w = face[(k + 1) % face.len()];
-            around[v as usize].insert(w);
-            around[w as usize].insert(v);
-        }
-    }
-    let passive = |v: u32| cage.roles[v as usize] == Role::Passive;
-    let near = |v: usize, e: usize| norm(sub(positions[v], eyes[e])) < 30.0;
-    let mut out = Margins::default();
-    let mut ring: [BTreeSet<u32>; 2] = Default::default();
-    for v in 0..positions.len() {
-        if cage.roles[v] == Role::Free && around[v].iter().any(|&w| passive(w)) {
-            match (near(v, 0), near(v, 1)) {
-                (true, _) => drop(ring[0].insert(v as u32)),
-                (_, true) => drop(ring[1].insert(v as u32)),
-                _ => out.lips.extend(node_of_cage[v]),
+/// Where the simulated skin ends at lids and lips, as cage vertices.
+#[derive(Debug, Default)]
+pub(crate) struct Rims {
+    /// Of the left and right eye: the lids' margin and the two rings around it, from the inside out.
+    pub(crate) lids: [[BTreeSet<u32>; 3]; 2],
+    /// Rim of the lips.
+    pub(crate) lips: BTreeSet<u32>,
+}
+
+impl Rims {
+    /// Finds them: free vertices next to passive ones, near an eye or not.
+    pub(crate) fn new(cage: &Cage, positions: &[V3], eyes: [V3; 2]) -> Self {
+        let mut around = vec![BTreeSet::new(); positions.len()];
+        for face in &cage.faces {
+            for (k, &v) in face.iter().enumerate() {
+                let w = face[(k + 1) % face.len()];
+                around[v as usize].insert(w);
+                around[w as usize].insert(v);
             }
         }
+        let passive = |v: u32| cage.roles[v as usize] == Role::Passive;
+        let near = |v: usize, e: usize| norm(sub(positions[v], eyes[e])) < 30.0;
+        let mut out = Self::default();
+        for v in 0..positions.len() {
+            if cage.roles[v] == Role::Free && around[v].iter().any(|&w| passive(w)) {
+                match (near(v, 0), near(v, 1)) {
+                    (true, _) => out.lids[0][0].insert(v as u32),
+                    (_, true) => out.lids[1][0].insert(v as u32),
+                    _ => out.lips.insert(v as u32),
+                };
+            }
+        }
+        for rings in &mut out.lids {
+            let mut seen = rings[0].clone();
+            for k in 1..rings.len() {
+                rings[k] = rings[k - 1]
+                    .iter()
+                    .flat_map(|&v| around[v as usize].iter().copied())
+                    .filter(|&w| !passive(w) && !seen.contains(&w))
+                    .collect();
+                seen.extend(&rings[k]);
+            }
+        }
+        out
     }
-    for (e, mut current) in ring.into_iter().enumerate() {
-        let mut seen = current.clone();
-        for _ in 0..3 {
-            out.lids[e].extend(&current);
-            let next: BTreeSet<u32> = current
+}
+
+impl Margins {
+    fn new(rims: &Rims, node_of_cage: &[Option<u32>]) -> Self {
+        let in_order = |rings: &[BTreeSet<u32>; 3]| rings.iter().flatten().copied().collect();
+        Self {
+            lids: [in_order(&rims.lids[0]), in_order(&rims.lids[1])],
+            lips: rims
+                .lips
                 .iter()
-                .flat_map(|&v| around[v as usize].iter().copied())
-                .filter(|&w| !passive(w) && !seen.contains(&w))
-                .collect();
-            seen.extend(&next);
-            current = next;
+                .filter_map(|&v| node_of_cage[v as usize])
+                .collect(),
+            lip_pairs: Vec::new(),
         }
     }
-    out
 }
 
 /// Pairs the nodes of the upper lip's rim with places on the lower one's. Which lip a node belongs to follows from the
