@@ -4,6 +4,7 @@
 //! same path from neutral to the pose, in steps of intensity, because strong poses have more than one equilibrium: the
 //! path makes the answer unique. What no solver can certify is an error, never a silent last iterate.
 
+mod assembly;
 mod certificate;
 mod fire;
 mod lbfgs;
@@ -14,8 +15,8 @@ mod verlet;
 use facile_core::{Isometry3, Point3, UnitQuaternion};
 use serde::{Deserialize, Serialize};
 
+pub(crate) use assembly::SystemPattern;
 pub use certificate::Certificate;
-pub(crate) use preconditioner::SystemPattern;
 
 use crate::SimError;
 use crate::kinematics::eye_rotation;

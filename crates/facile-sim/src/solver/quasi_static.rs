@@ -6,8 +6,9 @@
 //! surfaces that nodes slide on as well, so that what is left falls quadratically. Steps of the path before the last are
 //! solved loosely.
 
+use super::assembly::Hessian;
 use super::lbfgs::{Lbfgs, Problem, Step};
-use super::preconditioner::{Hessian, Preconditioner};
+use super::preconditioner::Preconditioner;
 use super::{Outcome, Scratch, SolverParams};
 use crate::SimError;
 use crate::contact::Measured;
