@@ -19,6 +19,9 @@ const MEASURE: usize = 20;
 /// Checks, of steps of full length, in which the residual has to fall by a tenth; a step near its limit can feed a swing
 /// that damping just balances. Shorter steps have more of them: slow motion must not shorten its steps for being slow.
 const PATIENCE: f64 = 60.0;
+/// Times in a row that the residual falls by a tenth before a step that was halved is doubled: what shook the face, nodes that
+/// bounce off the skull on the way, is over.
+const CALM: usize = 10;
 /// Contact counts as touching within this distance, mm.
 const TOUCH_MM: f64 = 1e-6;
 
@@ -58,7 +61,7 @@ impl State {
             |x: &[V3]| settings.time_step * 2.0 / (largest_stiffness(load, x) / params.mass).sqrt();
         let mut share = 1.0;
         let mut dt = longest(&self.x);
-        let (mut best, mut waited, mut checks) = (f64::INFINITY, 0.0, 0);
+        let (mut best, mut waited, mut calm, mut checks) = (f64::INFINITY, 0.0, 0, 0);
         let mut energy = self.forces(load);
         let mut residual_now = f64::INFINITY;
         let mut iterations = 0;
@@ -78,6 +81,7 @@ impl State {
                 energy = self.forces(load);
                 share *= 0.5;
                 dt *= 0.5;
+                calm = 0;
                 if dt < 1e-7 {
                     break;
                 }
@@ -92,9 +96,13 @@ impl State {
             waited += share;
             if residual_now < 0.9 * best {
                 (best, waited) = (residual_now, 0.0);
+                calm += 1;
+                if calm >= CALM && share < 1.0 {
+                    (share, calm) = (2.0 * share, 0);
+                }
             } else if waited >= PATIENCE {
                 share *= 0.5;
-                (best, waited) = (residual_now, 0.0);
+                (best, waited, calm) = (residual_now, 0.0, 0);
             }
             checks += 1;
             if checks % MEASURE == 0 {
