@@ -2,8 +2,8 @@
 //!
 //! `cargo run --release --example solve_times -- [--identities N] [--seed S] [--solver KIND] [--compare] [--repeat R]
 //! [--intensity I]
-//! [--ladder RUNGS] [--random COUNT] [--nodes DIR] [--moderate] [--muscles FILE] [--expressions FILE] [names]`, names
-//! being expressions, `MUSCLE=C` or `jaw=DEGREES`
+//! [--ladder RUNGS] [--random COUNT] [--moderate] [--tolerance T] [--step S] [--nodes DIR] [--muscles FILE]
+//! [--expressions FILE] [names]`, names being expressions, `MUSCLE=C` or `jaw=DEGREES`
 //!
 //! `--ladder` climbs to each pose over so many intensities, and solves each of them on its own. `--compare` solves with the default as well and prints the largest distance between nodes; `--nodes` writes the nodes
 //! to one file a solve, mm, for comparison with another version of the solver.

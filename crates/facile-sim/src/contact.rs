@@ -75,10 +75,7 @@ impl Measured {
     /// Whether the node of contact `c`, at `x`, has not come near enough since to touch.
     #[inline]
     fn clears(&self, c: usize, x: V3) -> bool {
-        let (at, gap) = &self.0[c];
-        let way = sub(x, *at);
-        let free = gap.value - TOUCH_MM;
-        free > 0.0 && STEEPEST * STEEPEST * dot(way, way) < free * free
+        self.least(c, x) > TOUCH_MM
     }
 
     /// The least that the gap of contact `c` is at `x`, mm.

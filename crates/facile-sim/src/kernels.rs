@@ -5,11 +5,8 @@
 
 use crate::elements::PrismGroup;
 use crate::simd::{Kernel, LANES, Lanes, lanes, total};
-use crate::springs::Four;
+use crate::springs::{Four, MIN_LENGTH_MM};
 use crate::vector::V3;
-
-/// Springs shorter than this have no direction, mm.
-const MIN_LENGTH_MM: f64 = 1e-9;
 
 /// Energy of the springs along edges.
 pub(crate) struct EdgeSprings<'a> {

@@ -13,7 +13,7 @@ use crate::model::FaceModel;
 use crate::muscle::{LidDrive, Side};
 use crate::pose::Pose;
 use crate::simd::{LANES, Lanes, dispatch};
-use crate::springs::FASCIA;
+use crate::springs::{FASCIA, MIN_LENGTH_MM};
 use crate::vector::{V3, add_scaled, dot, norm, rotate, sub};
 
 /// A posed model.
@@ -160,7 +160,7 @@ impl<'a> Load<'a> {
             let d = sub(x[i], x[n + i]);
             let length = norm(d);
             let ([spring, ..], [pull, ..]) = springs.vertical(i).energy(&[length; LANES]);
-            let pull = pull / length.max(1e-9);
+            let pull = pull / length.max(MIN_LENGTH_MM);
             let hold = sub(x[n + i], self.anchors[i]);
             let k = self.attachment[i];
             energy += spring + k * dot(hold, hold);
@@ -184,13 +184,9 @@ fn lid_poses(model: &FaceModel, pose: &Pose) -> [LidPose; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::vector::noise;
     use crate::{FaceRig, MuscleSet};
     use facile_core::ReferenceHead;
-
-    /// Numbers in `[-1, 1]` without a pattern.
-    fn noise(k: usize) -> f64 {
-        libm::sin(12.9898 * k as f64 + 0.3 * libm::sin(78.233 * k as f64))
-    }
 
     #[test]
     fn the_gradient_of_the_whole_system_is_that_of_its_energy() {

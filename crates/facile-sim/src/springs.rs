@@ -37,6 +37,9 @@ pub(crate) struct Springs {
     pub(crate) vertical_brace: Vec<f64>,
 }
 
+/// Springs shorter than this have no direction, mm.
+pub(crate) const MIN_LENGTH_MM: f64 = 1e-9;
+
 /// Lane of an edge's spring in the fascia.
 pub(crate) const FASCIA: usize = 1;
 

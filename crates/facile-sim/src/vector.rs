@@ -36,6 +36,7 @@ pub(crate) fn product(a: &M3, b: &M3) -> M3 {
     })
 }
 
+/// `m^T`.
 pub(crate) fn transpose(m: &M3) -> M3 {
     [0, 1, 2].map(|c| m.map(|row| row[c]))
 }
@@ -102,4 +103,10 @@ pub(crate) fn to_point(a: V3) -> Point3 {
 
 pub(crate) fn to_vector(a: V3) -> Vector3 {
     Vector3::new(a[0], a[1], a[2])
+}
+
+/// Numbers in `[-1, 1]` without a pattern, for tests.
+#[cfg(test)]
+pub(crate) fn noise(k: usize) -> f64 {
+    libm::sin(12.9898 * k as f64 + 0.3 * libm::sin(78.233 * k as f64))
 }

@@ -5,11 +5,8 @@ use crate::elements::Volume;
 use crate::load::Load;
 use crate::simd::{Kernel, LANES, Lanes, lanes};
 use crate::sparse::{Block, NO_BLOCK, Pattern};
-use crate::springs::{Four, ends};
+use crate::springs::{Four, MIN_LENGTH_MM, ends};
 use crate::vector::{V3, ZERO, norm, scale, sub};
-
-/// Springs shorter than this have no direction, mm.
-const MIN_LENGTH_MM: f64 = 1e-9;
 
 /// Rows of the nodes that the solver moves, and where prisms add to the matrix.
 #[derive(Debug)]
@@ -181,7 +178,7 @@ impl Assembly<'_> {
         let mut slope = springs.stiffness;
         match self.hessian {
             Hessian::Exact => slope = springs.slope(lengths),
-            Hessian::Positive => across = lanes(|l| if across[l] > 0.0 { across[l] } else { 0.0 }),
+            Hessian::Positive => across = lanes(|l| across[l].max(0.0)),
         }
         let along = lanes(|l| (slope[l] - across[l]) / (lengths[l] * lengths[l]));
         (along, across)

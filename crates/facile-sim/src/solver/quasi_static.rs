@@ -201,8 +201,8 @@ impl Resting<'_, '_> {
         let system = &self.load.model.template.pattern;
         self.preconditioner.assemble(self.load, x, hessian);
         if hessian == Hessian::Exact {
-            let (load, normals) = (self.load, &self.normals);
-            self.preconditioner.bend(load, x, gradient, normals);
+            self.preconditioner
+                .bend(self.load, x, gradient, &self.normals);
         }
         let own = &self.preconditioner.own;
         let contacts = &self.load.contacts;
@@ -235,6 +235,7 @@ impl Stage<'_, '_> {
         let mut iterations = 0;
         let mut since = usize::MAX;
         let mut smallest_pivot = 0.0;
+        let mut normals = Vec::new();
         self.lbfgs.reset();
         let (converged, residual) = loop {
             contacts.resting(x, &gradient, &problem.measured, &mut problem.normals);
@@ -257,7 +258,7 @@ impl Stage<'_, '_> {
                 let own = &problem.preconditioner.own;
                 contacts.landing(x, &gradient, own, &problem.measured, &mut problem.normals);
             }
-            let normals = problem.normals.clone();
+            normals.clone_from(&problem.normals);
             let step = self
                 .lbfgs
                 .step(x, &mut gradient, &mut energy, &normals, &mut problem);

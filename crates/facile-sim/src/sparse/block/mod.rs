@@ -140,11 +140,7 @@ mod tests {
     use super::*;
     use crate::simd::Kernel;
     use crate::vector::M3;
-
-    /// Numbers in `[-1, 1]` without a pattern.
-    fn noise(k: usize) -> f64 {
-        libm::sin(12.9898 * k as f64 + 0.3 * libm::sin(78.233 * k as f64))
-    }
+    use crate::vector::noise;
 
     #[test]
     fn a_sheet_of_random_blocks_is_solved_to_single_precision() {

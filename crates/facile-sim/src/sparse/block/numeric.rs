@@ -144,15 +144,9 @@ fn subtract(
         let mut row = first / ROWS * ROWS;
         while row < wide + 3 * rows.len() {
             if columns == 6 {
-                let sums = tile_of_six(source, tall, row, first);
-                for (k, sum) in sums.iter().enumerate() {
-                    strip[k * tall + row..][..ROWS].copy_from_slice(sum);
-                }
+                put(strip, tall, row, &tile_of_six(source, tall, row, first));
             } else {
-                let sums = tile_of_three(source, tall, row, first);
-                for (k, sum) in sums.iter().enumerate() {
-                    strip[k * tall + row..][..ROWS].copy_from_slice(sum);
-                }
+                put(strip, tall, row, &tile_of_three(source, tall, row, first));
             }
             row += ROWS;
         }
@@ -294,6 +288,13 @@ fn triangle<const C: usize>(
         rest[c * leading + j + c..][..C - c].copy_from_slice(&column[c..]);
     }
     Ok(smallest)
+}
+
+#[inline(always)]
+fn put<const C: usize>(strip: &mut [f32], tall: usize, row: usize, sums: &[Strip; C]) {
+    for (k, sum) in sums.iter().enumerate() {
+        strip[k * tall + row..][..ROWS].copy_from_slice(sum);
+    }
 }
 
 #[inline(always)]
